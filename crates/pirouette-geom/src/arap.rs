@@ -1,0 +1,1 @@
+//! As-rigid-as-possible deformation of a planar mesh.

@@ -1,0 +1,1 @@
+//! Kinematic chains in the plane: bones, angles, forward kinematics.

@@ -1,0 +1,1 @@
+//! Contours of masks: border following, sub-pixel outlines, simplification.

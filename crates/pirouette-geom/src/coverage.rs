@@ -1,0 +1,1 @@
+//! Antialiased coverage of polygons and projected meshes.

@@ -1,0 +1,1 @@
+//! Surface extraction from a scalar field on an adaptive grid.

@@ -1,0 +1,20 @@
+//! Geometry without photos, people or files: rasters, contours, planar meshes and their
+//! as-rigid-as-possible deformation, kinematic chains, triangle meshes and surface extraction.
+//!
+//! Images have their origin at the top left corner of the top left pixel, x to the right, y down, and
+//! pixel centers at .5. Space is right-handed. All lengths are in the caller's unit.
+
+pub mod arap;
+pub mod chain;
+pub mod contour;
+pub mod coverage;
+pub mod distance_map;
+pub mod isosurface;
+pub mod morphology;
+pub mod planar_mesh;
+pub mod raster;
+pub mod section;
+pub mod tri_mesh;
+
+pub use raster::{Grid, Mask};
+pub use tri_mesh::TriMesh;

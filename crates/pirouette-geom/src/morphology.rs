@@ -1,0 +1,1 @@
+//! Erosion, dilation, connected components and holes of masks.

@@ -1,0 +1,1 @@
+//! Plane sections of triangle meshes and convex hulls of them.

@@ -1,0 +1,1 @@
+//! GrabCut: from a photo and a seed mask to a silhouette.

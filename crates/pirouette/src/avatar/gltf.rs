@@ -1,0 +1,1 @@
+//! Skinned glTF 2.0 and VRM humanoids as avatars.

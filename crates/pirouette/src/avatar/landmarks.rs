@@ -1,0 +1,1 @@
+//! Tape loops and landmarks found by the geometry of a body.

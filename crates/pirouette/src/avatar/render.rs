@@ -1,0 +1,1 @@
+//! Silhouettes, limb visibility and shaded pictures of posed bodies.

@@ -1,0 +1,1 @@
+//! One skeleton for all views: camera distance, bone lengths and the pose of each view from keypoints.

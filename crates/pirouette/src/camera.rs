@@ -1,0 +1,140 @@
+//! The static pinhole camera before which the person turns.
+//!
+//! The *room* frame is the world frame (millimeters, y up, origin on the floor on the turning axis) that
+//! stays with the camera; the person turns in it. The camera stands on the +z axis and looks along -z.
+
+use glam::{DVec2, DVec3};
+
+/// A pinhole camera on the +z axis of the room
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// Columns of the photo
+    pub width_px: usize,
+    /// Rows of the photo
+    pub height_px: usize,
+    /// Vertical field of view
+    pub vertical_fov_radians: f64,
+    /// Height of the center of projection above the floor, in mm
+    pub height_mm: f64,
+    /// Distance of the center of projection from the turning axis, in mm
+    pub distance_mm: f64,
+    /// Pitch; positive looks down
+    pub pitch_radians: f64,
+}
+
+impl Camera {
+    /// Focal length in pixels
+    pub fn focal_px(&self) -> f64 {
+        self.height_px as f64 / (2.0 * (self.vertical_fov_radians / 2.0).tan())
+    }
+
+    /// Center of projection in the room, in mm
+    pub fn center(&self) -> DVec3 {
+        DVec3::new(0.0, self.height_mm, self.distance_mm)
+    }
+
+    /// The camera's view frame (x right, y down, z forward, in mm) of a point in the room
+    pub fn view_from_room(&self, point: DVec3) -> DVec3 {
+        let (sin, cos) = self.pitch_radians.sin_cos();
+        let up = point.y - self.height_mm;
+        let ahead = self.distance_mm - point.z;
+        DVec3::new(point.x, -(up * cos) - ahead * sin, ahead * cos - up * sin)
+    }
+
+    /// Depth of a room point along the optical axis, in mm; positive before the camera
+    pub fn depth(&self, point: DVec3) -> f64 {
+        self.view_from_room(point).z
+    }
+
+    /// Photo coordinates of a room point, in px
+    ///
+    /// Meaningless for points at or behind the camera; see [`Camera::depth`].
+    pub fn project(&self, point: DVec3) -> DVec2 {
+        let view = self.view_from_room(point);
+        let scale = self.focal_px() / view.z;
+        DVec2::new(
+            self.width_px as f64 / 2.0 + scale * view.x,
+            self.height_px as f64 / 2.0 + scale * view.y,
+        )
+    }
+
+    /// Gradients of photo x and photo y with respect to the room point, in px per mm
+    pub fn project_gradients(&self, point: DVec3) -> [DVec3; 2] {
+        let (sin, cos) = self.pitch_radians.sin_cos();
+        let view = self.view_from_room(point);
+        let scale = self.focal_px() / view.z;
+        // rows of the rotation view_from_room
+        let x_axis = DVec3::X;
+        let y_axis = DVec3::new(0.0, -cos, sin);
+        let z_axis = DVec3::new(0.0, -sin, -cos);
+        [
+            (x_axis - z_axis * (view.x / view.z)) * scale,
+            (y_axis - z_axis * (view.y / view.z)) * scale,
+        ]
+    }
+
+    /// Direction in the room of the ray through a photo point, of unit length
+    pub fn ray(&self, photo: DVec2) -> DVec3 {
+        let (sin, cos) = self.pitch_radians.sin_cos();
+        let focal = self.focal_px();
+        let x = (photo.x - self.width_px as f64 / 2.0) / focal;
+        let y = (photo.y - self.height_px as f64 / 2.0) / focal;
+        let room = DVec3::X * x + DVec3::new(0.0, -cos, sin) * y + DVec3::new(0.0, -sin, -cos);
+        room / room.length()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Camera {
+        Camera {
+            width_px: 800,
+            height_px: 1000,
+            vertical_fov_radians: 0.8,
+            height_mm: 900.0,
+            distance_mm: 2400.0,
+            pitch_radians: 0.1,
+        }
+    }
+
+    #[test]
+    fn a_level_camera_projects_by_the_pinhole_formula() {
+        let level = Camera {
+            pitch_radians: 0.0,
+            ..camera()
+        };
+        let p = DVec3::new(120.0, 1500.0, 80.0);
+        let scale = level.focal_px() / (2400.0 - 80.0);
+        let expected = DVec2::new(400.0 + scale * 120.0, 500.0 - scale * 600.0);
+        assert!((level.project(p) - expected).length() < 1e-9);
+    }
+
+    #[test]
+    fn looking_down_lifts_what_is_ahead() {
+        let ahead = DVec3::new(0.0, 900.0, 0.0);
+        assert!(camera().project(ahead).y < 500.0);
+    }
+
+    #[test]
+    fn gradients_match_differences() {
+        let camera = camera();
+        let p = DVec3::new(120.0, 1500.0, 80.0);
+        let [gx, gy] = camera.project_gradients(p);
+        for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+            let d = (camera.project(p + axis * 1e-3) - camera.project(p - axis * 1e-3)) / 2e-3;
+            assert!((d.x - gx.dot(axis)).abs() < 1e-6);
+            assert!((d.y - gy.dot(axis)).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn the_ray_through_a_projection_hits_the_point() {
+        let camera = camera();
+        let p = DVec3::new(-200.0, 300.0, 150.0);
+        let to_point = p - camera.center();
+        let ray = camera.ray(camera.project(p));
+        assert!((ray * to_point.length() - to_point).length() < 1e-6);
+    }
+}

@@ -1,0 +1,1 @@
+//! Carving: from silhouettes to the visual hull.

@@ -1,0 +1,1 @@
+//! Files: scans in, results out; the only module that opens files.

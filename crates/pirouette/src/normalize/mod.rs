@@ -1,0 +1,1 @@
+//! Stage 2: from silhouettes to pose-normalized silhouettes.

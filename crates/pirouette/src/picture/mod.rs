@@ -1,0 +1,1 @@
+//! Pictures that show at a glance what went wrong where.

@@ -1,0 +1,1 @@
+//! The whole job: stages in order, events, cancellation.

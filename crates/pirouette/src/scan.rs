@@ -1,0 +1,51 @@
+//! A scan: all views of one person turning before one static camera.
+
+use pirouette_geom::{Grid, Mask};
+
+use crate::avatar::ReferencePose;
+use crate::skeleton::Keypoints;
+use crate::units::TurnAngle;
+
+/// RGB pixels as given, after the EXIF orientation was applied
+pub type Photo = Grid<[u8; 3]>;
+
+/// All views of one person
+#[derive(Debug, Clone)]
+pub struct Scan {
+    /// The pose the person tries to hold
+    pub pose: ReferencePose,
+    /// Height of the person, in mm
+    pub stature_mm: Option<f64>,
+    /// What is known of the camera
+    pub camera: CameraSetup,
+    /// The views, in the order of the manifest or of the file names
+    pub views: Vec<View>,
+}
+
+/// What is known of the camera; the rest is estimated
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CameraSetup {
+    /// Vertical field of view, from the manifest or else from EXIF
+    pub vertical_fov_radians: Option<f64>,
+    /// Height above the floor, in mm
+    pub height_mm: Option<f64>,
+    /// Distance from the turning axis, in mm
+    pub distance_mm: Option<f64>,
+    /// Pitch; positive looks down
+    pub pitch_radians: Option<f64>,
+}
+
+/// One photo of the person with what was detected in it
+#[derive(Debug, Clone)]
+pub struct View {
+    /// Stem of the photo's file name
+    pub name: String,
+    /// The photo
+    pub photo: Photo,
+    /// How far the person has turned
+    pub turn: TurnAngle,
+    /// Detected joints, in px of the photo
+    pub keypoints: Keypoints,
+    /// A given silhouette, size of the photo; replaces segmentation
+    pub mask: Option<Mask>,
+}

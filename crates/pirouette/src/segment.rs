@@ -1,0 +1,1 @@
+//! Stage 1: from photos and the posed avatar to silhouettes.
