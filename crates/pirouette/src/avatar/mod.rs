@@ -17,9 +17,11 @@ use crate::pose::SkinWeight;
 use crate::skeleton::{Bone, Joint};
 
 /// The pose in which people stand, and to which their silhouettes are normalized
+///
+/// A relaxed stance: elbows bent forward, legs a little apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ReferencePose {
-    /// Arms stretched down and out, about 45 degrees below the horizontal
+    /// Arms stretched down and out
     #[default]
     A,
     /// Arms stretched out level
@@ -27,12 +29,17 @@ pub enum ReferencePose {
 }
 
 impl ReferencePose {
-    /// Angle of the arms below the horizontal, in degrees
+    /// Angle of the upper arms below the horizontal, in degrees
     pub fn arm_angle_degrees(self) -> f64 {
         match self {
-            ReferencePose::A => 45.0,
+            ReferencePose::A => 48.0,
             ReferencePose::T => 0.0,
         }
+    }
+
+    /// Angle by which the forearms point forward out of the frontal plane, in degrees
+    pub fn elbow_bend_degrees(self) -> f64 {
+        43.0
     }
 }
 
