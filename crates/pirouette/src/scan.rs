@@ -40,12 +40,14 @@ pub struct CameraSetup {
 pub struct View {
     /// Stem of the photo's file name
     pub name: String,
-    /// The photo
+    /// The photo, shrunk when the input was larger than the method needs
     pub photo: Photo,
+    /// Columns and rows of the input; masks are handed out in this size
+    pub input_size_px: (usize, usize),
     /// How far the person has turned
     pub turn: TurnAngle,
     /// Detected joints, in px of the photo
     pub keypoints: Keypoints,
-    /// A given silhouette, size of the photo; replaces segmentation
+    /// A given silhouette, size of `photo`; replaces segmentation
     pub mask: Option<Mask>,
 }

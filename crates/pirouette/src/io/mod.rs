@@ -1,1 +1,10 @@
 //! Files: scans in, results out; the only module that opens files.
+//!
+//! What other programs write is checked here, once, and converted to the frames and units of this crate;
+//! the rest of the library trusts what it gets. Every file goes out whole or not at all.
+
+pub mod atomic;
+pub mod manifest;
+pub mod openpose;
+pub mod photo;
+pub mod scan_folder;

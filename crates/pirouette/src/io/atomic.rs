@@ -1,0 +1,146 @@
+//! Files written whole or not at all.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+/// Why a file could not be written; whatever was there before is still there
+#[derive(Debug, Error)]
+pub enum WriteError {
+    /// The folder cannot be made
+    #[error("cannot make the folder {}: {source}", folder.display())]
+    Folder {
+        /// The folder
+        folder: PathBuf,
+        /// What the system says
+        source: io::Error,
+    },
+    /// No room, or not allowed
+    #[error("cannot write {}: {source}{}", file.display(), remedy(source))]
+    File {
+        /// The file
+        file: PathBuf,
+        /// What the system says
+        source: io::Error,
+    },
+}
+
+fn remedy(error: &io::Error) -> &'static str {
+    use io::ErrorKind::*;
+    match error.kind() {
+        StorageFull | QuotaExceeded | FileTooLarge => {
+            "; make room and run again, nothing partial was left behind"
+        }
+        PermissionDenied | ReadOnlyFilesystem => "; choose another folder with -o",
+        _ => "",
+    }
+}
+
+/// Makes a folder and those above it
+///
+/// # Errors
+/// When the system refuses.
+pub fn make_folder(folder: &Path) -> Result<(), WriteError> {
+    fs::create_dir_all(folder).map_err(|source| WriteError::Folder {
+        folder: folder.to_owned(),
+        source,
+    })
+}
+
+/// Writes a file whole or not at all: into a temporary neighbor that then takes the name
+///
+/// # Errors
+/// When there is no room or no right to write; the file is then as it was before.
+pub fn write_whole(file: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+    write_with(file, |out| out.write_all(bytes))
+}
+
+/// Like [`write_whole`], with the content written by `write`
+///
+/// # Errors
+/// When `write` fails, or there is no room or no right to write; the file is then as it was before.
+pub fn write_with(
+    file: &Path,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), WriteError> {
+    let attempt = || -> io::Result<()> {
+        let folder = match file.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        let mut temporary = temporary_in(folder)?;
+        {
+            let mut buffered = io::BufWriter::new(temporary.as_file_mut());
+            write(&mut buffered)?;
+            buffered.flush()?;
+        }
+        // Some file systems report a full disk only here.
+        temporary.as_file().sync_data()?;
+        temporary.persist(file).map_err(|error| error.error)?;
+        Ok(())
+    };
+    attempt().map_err(|source| WriteError::File {
+        file: file.to_owned(),
+        source,
+    })
+}
+
+/// A temporary file that goes away unless it is persisted, with the usual rights of a new file
+fn temporary_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".pirouette-").suffix(".part");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // Less what the umask takes away; a temporary file alone would be for the owner only.
+        builder.permissions(fs::Permissions::from_mode(0o666));
+        builder.tempfile_in(folder)
+    }
+    #[cfg(not(unix))]
+    builder.tempfile_in(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_replaced_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.txt");
+        write_whole(&file, b"one").unwrap();
+        write_whole(&file, b"two").unwrap();
+        assert_eq!(fs::read(&file).unwrap(), b"two");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_full_disk_leaves_the_old_file_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.txt");
+        write_whole(&file, b"old").unwrap();
+        let error = write_with(&file, |out| {
+            out.write_all(b"half of the ")?;
+            Err(io::Error::from(io::ErrorKind::StorageFull))
+        })
+        .unwrap_err();
+        let message = error.to_string();
+        assert!(
+            message.contains("a.txt") && message.contains("make room"),
+            "{message}"
+        );
+        assert_eq!(fs::read(&file).unwrap(), b"old");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_folder_under_a_file_cannot_be_made() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a");
+        fs::write(&file, b"").unwrap();
+        let error = make_folder(&file.join("out")).unwrap_err();
+        assert!(matches!(error, WriteError::Folder { .. }));
+    }
+}

@@ -1,0 +1,525 @@
+//! Photos and masks: JPEG, PNG and WebP in; PNG and JPEG out.
+//!
+//! The EXIF orientation is applied on reading, so that up is up everywhere else. A truncated or oversized
+//! file is an error, never a half-gray photo.
+
+use std::io::Cursor;
+
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
+use pirouette_geom::{Grid, Mask};
+use thiserror::Error;
+
+use crate::scan::Photo;
+
+/// Photos with more pixels than this are refused before they are unpacked
+///
+/// Phones deliver 12 to 108 megapixels; a small file can claim any size.
+pub const MAX_PHOTO_PIXELS: u64 = 110_000_000;
+
+/// Bytes that unpacking one photo may take, at up to 4 bytes per pixel and some room to work
+const MAX_DECODE_BYTES: u64 = 6 * MAX_PHOTO_PIXELS;
+
+/// Shorter sides than this, in px, cannot show a person
+pub const MIN_PHOTO_SIDE_PX: usize = 32;
+
+/// Darkest to brightest range of gray levels, less the outer percent on both ends, that shows something
+///
+/// A lens cap or an all-white frame has only noise of a few levels.
+const MIN_GRAY_RANGE: u8 = 8;
+
+/// Diagonal of the 24 x 36 mm film frame that EXIF's equivalent focal length refers to (CIPA DCG-001)
+const FILM_DIAGONAL_MM: f64 = 43.266_615_305_567_87;
+
+/// Vertical fields of view that a photo of a person can have, in degrees; others are wrong EXIF
+const PLAUSIBLE_FOV_DEGREES: std::ops::RangeInclusive<f64> = 5.0..=120.0;
+
+/// A photo with what its file tells about the camera
+#[derive(Debug, Clone)]
+pub struct DecodedPhoto {
+    /// The pixels, upright
+    pub photo: Photo,
+    /// Vertical field of view of the upright photo, from EXIF
+    pub vertical_fov_radians: Option<f64>,
+}
+
+/// Why a photo or mask cannot be used
+#[derive(Debug, Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum PhotoError {
+    #[error("neither a JPEG, PNG nor WebP file; convert it to one of these")]
+    UnknownFormat,
+    #[error("HEIC files are not read; export the photo as JPEG")]
+    Heic,
+    #[error("the JPEG file ends too early; copy it again")]
+    Truncated,
+    #[error("the file is damaged: {0}")]
+    Damaged(ImageError),
+    #[error("{width_px} x {height_px} px are too many; at most {} megapixels", MAX_PHOTO_PIXELS / 1_000_000)]
+    TooLarge { width_px: u32, height_px: u32 },
+    #[error(
+        "{width_px} x {height_px} px are too few; both sides need at least {MIN_PHOTO_SIDE_PX} px"
+    )]
+    TooSmall { width_px: usize, height_px: usize },
+    #[error("the photo is one color all over (gray levels {darkest} to {brightest})")]
+    Blank { darkest: u8, brightest: u8 },
+}
+
+/// Unpacks a photo and turns it upright
+///
+/// # Errors
+/// When the bytes are no complete JPEG, PNG or WebP file of a sensible size.
+pub fn decode_photo(bytes: &[u8]) -> Result<DecodedPhoto, PhotoError> {
+    let (image, exif) = decode(bytes)?;
+    let rgb = image.into_rgb8();
+    let (width, height) = (rgb.width() as usize, rgb.height() as usize);
+    if width.min(height) < MIN_PHOTO_SIDE_PX {
+        return Err(PhotoError::TooSmall {
+            width_px: width,
+            height_px: height,
+        });
+    }
+    let photo = Photo::from_vec(width, height, rgb.into_raw().as_chunks().0.to_vec());
+    let vertical_fov_radians = exif.and_then(|exif| {
+        let focal_mm = focal_length_in_35mm_film(exif)?;
+        vertical_fov(focal_mm, width, height)
+    });
+    Ok(DecodedPhoto {
+        photo,
+        vertical_fov_radians,
+    })
+}
+
+/// Unpacks a mask: what is at least half bright is inside
+///
+/// # Errors
+/// When the bytes are no complete JPEG, PNG or WebP file of a sensible size.
+pub fn decode_mask(bytes: &[u8]) -> Result<Mask, PhotoError> {
+    let (image, _) = decode(bytes)?;
+    let gray = image.into_luma8();
+    let (width, height) = (gray.width() as usize, gray.height() as usize);
+    let inside = gray.into_raw().into_iter().map(|v| v >= 128).collect();
+    Ok(Mask::from_vec(width, height, inside))
+}
+
+/// Says so when a photo shows nothing
+///
+/// # Errors
+/// When nearly all pixels have one brightness: a lens cap, a failed export.
+pub fn check_contrast(photo: &Photo) -> Result<(), PhotoError> {
+    let mut histogram = [0usize; 256];
+    for &[r, g, b] in photo.as_slice() {
+        let gray = (299 * u32::from(r) + 587 * u32::from(g) + 114 * u32::from(b)) / 1000;
+        histogram[gray as usize] += 1;
+    }
+    let outer = photo.as_slice().len() / 100;
+    let darkest = first_level_beyond(&histogram, 0..=255, outer);
+    let brightest = first_level_beyond(&histogram, (0..=255).rev(), outer);
+    if brightest.saturating_sub(darkest) < MIN_GRAY_RANGE {
+        return Err(PhotoError::Blank { darkest, brightest });
+    }
+    Ok(())
+}
+
+/// The first of the levels up to which more than `outer` pixels lie
+fn first_level_beyond(
+    histogram: &[usize; 256],
+    mut levels: impl Iterator<Item = u8>,
+    outer: usize,
+) -> u8 {
+    let mut sum = 0;
+    let beyond = levels.find(|&level| {
+        sum += histogram[usize::from(level)];
+        sum > outer
+    });
+    beyond.unwrap_or_default()
+}
+
+fn decode(bytes: &[u8]) -> Result<(DynamicImage, Option<Vec<u8>>), PhotoError> {
+    let mut reader = ImageReader::new(Cursor::new(bytes));
+    let format = match image::guess_format(bytes) {
+        Ok(format @ (ImageFormat::Jpeg | ImageFormat::Png | ImageFormat::WebP)) => format,
+        // ISO media files name their brand after `ftyp`.
+        _ if bytes.get(4..8) == Some(b"ftyp") => return Err(PhotoError::Heic),
+        _ => return Err(PhotoError::UnknownFormat),
+    };
+    if format == ImageFormat::Jpeg && !jpeg_is_complete(bytes) {
+        return Err(PhotoError::Truncated);
+    }
+    reader.set_format(format);
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(MAX_DECODE_BYTES);
+    reader.limits(limits);
+    let mut decoder = reader.into_decoder().map_err(PhotoError::Damaged)?;
+    let (width_px, height_px) = decoder.dimensions();
+    if u64::from(width_px) * u64::from(height_px) > MAX_PHOTO_PIXELS {
+        return Err(PhotoError::TooLarge {
+            width_px,
+            height_px,
+        });
+    }
+    // Damaged EXIF is no reason to refuse a photo.
+    let exif = decoder.exif_metadata().ok().flatten();
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let mut image = DynamicImage::from_decoder(decoder).map_err(PhotoError::Damaged)?;
+    image.apply_orientation(orientation);
+    Ok((image, exif))
+}
+
+/// Whether a JPEG file reaches its end-of-image marker
+///
+/// Decoders paint what is missing gray. Thumbnails inside segments have an end marker of their own, so the
+/// segments are walked; what phones append after the end does not matter.
+fn jpeg_is_complete(bytes: &[u8]) -> bool {
+    let mut at = 2;
+    loop {
+        // In entropy-coded data FF is followed by 00 or a restart marker; fill bytes are FF too.
+        let Some(skipped) = bytes.get(at..).and_then(|rest| {
+            rest.windows(2)
+                .position(|pair| pair[0] == 0xff && !matches!(pair[1], 0 | 0xd0..=0xd7 | 0xff))
+        }) else {
+            return false;
+        };
+        at += skipped + 2;
+        match bytes[at - 1] {
+            0xd9 => return true,
+            0x01 | 0xd8 => {}
+            _ => {
+                let Some(length) = bytes.get(at..at + 2) else {
+                    return false;
+                };
+                at += usize::from(u16::from_be_bytes([length[0], length[1]]));
+            }
+        }
+    }
+}
+
+fn focal_length_in_35mm_film(exif: Vec<u8>) -> Option<f64> {
+    let exif = exif::Reader::new().read_raw(exif).ok()?;
+    let field = exif.get_field(exif::Tag::FocalLengthIn35mmFilm, exif::In::PRIMARY)?;
+    let focal_mm = field.value.get_uint(0)?;
+    // 0 is "unknown" by the standard.
+    (focal_mm > 0).then_some(f64::from(focal_mm))
+}
+
+/// Vertical field of view of a photo whose diagonal sees as much as a film frame with that focal length
+fn vertical_fov(focal_mm: f64, width_px: usize, height_px: usize) -> Option<f64> {
+    let diagonal_px = (width_px as f64).hypot(height_px as f64);
+    let focal_px = focal_mm / FILM_DIAGONAL_MM * diagonal_px;
+    let fov = 2.0 * (height_px as f64 / 2.0 / focal_px).atan();
+    PLAUSIBLE_FOV_DEGREES
+        .contains(&fov.to_degrees())
+        .then_some(fov)
+}
+
+/// Shrinks a photo so that its longer side has at most `max_side_px`; each pixel becomes the mean of the
+/// area that it covers
+///
+/// A photo that is small enough already is handed back as it is.
+pub fn shrink(photo: Photo, max_side_px: usize) -> Photo {
+    let (width, height) = (photo.width(), photo.height());
+    let longer = width.max(height);
+    if longer <= max_side_px {
+        return photo;
+    }
+    let shrunk = |side: usize| (side * max_side_px).div_ceil(longer).max(1);
+    let (new_width, new_height) = (shrunk(width), shrunk(height));
+    let columns = area_weights(width, new_width);
+    let rows = area_weights(height, new_height);
+    let mut data = Vec::with_capacity(new_width * new_height);
+    let mut line = vec![[0f32; 3]; width];
+    for (first_row, row_weights) in &rows {
+        line.fill([0.0; 3]);
+        for (y, &weight) in (*first_row..).zip(row_weights) {
+            for (sum, pixel) in line.iter_mut().zip(photo.row(y)) {
+                for (s, &channel) in sum.iter_mut().zip(pixel) {
+                    *s += weight * f32::from(channel);
+                }
+            }
+        }
+        for (first, weights) in &columns {
+            let mut sum = [0f32; 3];
+            for (pixel, &weight) in line[*first..].iter().zip(weights) {
+                for (s, &channel) in sum.iter_mut().zip(pixel) {
+                    *s += weight * channel;
+                }
+            }
+            data.push(sum.map(|v| v.round() as u8));
+        }
+    }
+    Photo::from_vec(new_width, new_height, data)
+}
+
+/// For each of `to` equal parts of a line of `from` pixels: the first pixel it covers and the shares of
+/// this and the following ones
+fn area_weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
+    let step = from as f64 / to as f64;
+    let part = |i: usize| {
+        let (start, end) = (i as f64 * step, ((i + 1) as f64 * step).min(from as f64));
+        let first = start as usize;
+        let last = (end.ceil() as usize).clamp(first + 1, from);
+        let weights = (first..last)
+            .map(|x| {
+                let covered = end.min(x as f64 + 1.0) - start.max(x as f64);
+                (covered.max(0.0) / (end - start)) as f32
+            })
+            .collect();
+        (first, weights)
+    };
+    (0..to).map(part).collect()
+}
+
+/// Scales a raster by bilinear interpolation between pixel centers
+pub fn resample(grid: &Grid<f32>, width: usize, height: usize) -> Grid<f32> {
+    if grid.width() == width && grid.height() == height {
+        return grid.clone();
+    }
+    if grid.width() == 0 || grid.height() == 0 {
+        return Grid::filled(width, height, 0.0);
+    }
+    let columns = bilinear_weights(grid.width(), width);
+    let rows = bilinear_weights(grid.height(), height);
+    Grid::from_fn(width, height, |x, y| {
+        let ((x0, x1, u), (y0, y1, v)) = (columns[x], rows[y]);
+        let top = grid[(x0, y0)] * (1.0 - u) + grid[(x1, y0)] * u;
+        let bottom = grid[(x0, y1)] * (1.0 - u) + grid[(x1, y1)] * u;
+        top * (1.0 - v) + bottom * v
+    })
+}
+
+/// For each of `to` pixel centers: the two pixels of a line of `from` around it, and the share of the second
+fn bilinear_weights(from: usize, to: usize) -> Vec<(usize, usize, f32)> {
+    let last = from - 1;
+    let weight = |i: usize| {
+        let at = ((i as f64 + 0.5) * from as f64 / to as f64 - 0.5).clamp(0.0, last as f64);
+        let first = at as usize;
+        (first, (first + 1).min(last), (at - first as f64) as f32)
+    };
+    (0..to).map(weight).collect()
+}
+
+/// A mask as a PNG file of gray levels 0 and 255
+///
+/// # Errors
+/// When the mask has no pixels.
+pub fn encode_mask(mask: &Mask) -> Result<Vec<u8>, ImageError> {
+    let gray = mask.as_slice().iter().map(|&v| if v { 255 } else { 0 });
+    let gray: Vec<u8> = gray.collect();
+    encode_png(&gray, mask.width(), mask.height(), image::ColorType::L8)
+}
+
+/// A photo as a PNG file
+///
+/// # Errors
+/// When the photo has no pixels.
+pub fn encode_photo_png(photo: &Photo) -> Result<Vec<u8>, ImageError> {
+    encode_png(
+        photo.as_slice().as_flattened(),
+        photo.width(),
+        photo.height(),
+        image::ColorType::Rgb8,
+    )
+}
+
+fn encode_png(
+    pixels: &[u8],
+    width: usize,
+    height: usize,
+    color: image::ColorType,
+) -> Result<Vec<u8>, ImageError> {
+    let mut bytes = Cursor::new(Vec::new());
+    let (width, height) = (width as u32, height as u32);
+    image::write_buffer_with_format(&mut bytes, pixels, width, height, color, ImageFormat::Png)?;
+    Ok(bytes.into_inner())
+}
+
+/// A photo as a JPEG file; `quality` goes from 1 to 100
+///
+/// # Errors
+/// When a side has no or more than 65535 pixels.
+pub fn encode_jpeg(photo: &Photo, quality: u8) -> Result<Vec<u8>, jpeg_encoder::EncodingError> {
+    let side = |length: usize| u16::try_from(length).unwrap_or(0);
+    let mut bytes = Vec::new();
+    jpeg_encoder::Encoder::new(&mut bytes, quality).encode(
+        photo.as_slice().as_flattened(),
+        side(photo.width()),
+        side(photo.height()),
+        jpeg_encoder::ColorType::Rgb,
+    )?;
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn gradient(width: usize, height: usize) -> Photo {
+        Photo::from_fn(width, height, |x, y| [(x * 3) as u8, (y * 5) as u8, 90])
+    }
+
+    /// A JPEG file with the given EXIF entries of the primary image, each a tag and a short number
+    fn jpeg_with_exif(photo: &Photo, entries: &[(u16, u16)]) -> Vec<u8> {
+        let mut tiff = b"MM\0\x2a\0\0\0\x08".to_vec();
+        // The equivalent focal length lives in the EXIF folder, which the first entry points to.
+        let (main, sub): (Vec<_>, Vec<_>) = entries.iter().partition(|(tag, _)| *tag == 0x0112);
+        let main_size = 2 + 12 * (main.len() + 1) + 4;
+        tiff.extend(((main.len() + 1) as u16).to_be_bytes());
+        let short = |tiff: &mut Vec<u8>, (tag, value): (u16, u16)| {
+            tiff.extend(tag.to_be_bytes());
+            tiff.extend([0, 3, 0, 0, 0, 1]);
+            tiff.extend(value.to_be_bytes());
+            tiff.extend([0, 0]);
+        };
+        for entry in main {
+            short(&mut tiff, entry);
+        }
+        tiff.extend(0x8769_u16.to_be_bytes());
+        tiff.extend([0, 4, 0, 0, 0, 1]);
+        tiff.extend((8 + main_size as u32).to_be_bytes());
+        tiff.extend([0; 4]);
+        tiff.extend((sub.len() as u16).to_be_bytes());
+        for entry in sub {
+            short(&mut tiff, entry);
+        }
+        tiff.extend([0; 4]);
+        let mut bytes = Vec::new();
+        let mut encoder = jpeg_encoder::Encoder::new(&mut bytes, 95);
+        encoder.add_exif_metadata(&tiff).unwrap();
+        encoder
+            .encode(
+                photo.as_slice().as_flattened(),
+                photo.width() as u16,
+                photo.height() as u16,
+                jpeg_encoder::ColorType::Rgb,
+            )
+            .unwrap();
+        bytes
+    }
+
+    #[test]
+    fn png_goes_in_and_out() {
+        let photo = gradient(40, 50);
+        let decoded = decode_photo(&encode_photo_png(&photo).unwrap()).unwrap();
+        assert_eq!(decoded.photo.as_slice(), photo.as_slice());
+        assert_eq!(decoded.vertical_fov_radians, None);
+        let mask = Mask::from_art(".## #.#");
+        assert_eq!(decode_mask(&encode_mask(&mask).unwrap()).unwrap(), mask);
+    }
+
+    #[test]
+    fn exif_turns_the_photo_upright_and_gives_the_field_of_view() {
+        // 6: the camera was turned, the photo needs a quarter turn clockwise
+        let bytes = jpeg_with_exif(&gradient(60, 40), &[(0x0112, 6), (0xa405, 28)]);
+        let decoded = decode_photo(&bytes).unwrap();
+        assert_eq!((decoded.photo.width(), decoded.photo.height()), (40, 60));
+        // x grows to the right in the file, so downward when upright
+        assert!(decoded.photo[(20, 55)][0] > decoded.photo[(20, 5)][0] + 100);
+        // 28 mm sees 65.47 degrees of a 3:2 photo along its longer side
+        let degrees = decoded.vertical_fov_radians.unwrap().to_degrees();
+        assert!((degrees - 65.470).abs() < 0.01, "{degrees}");
+    }
+
+    #[test]
+    fn unknown_or_absurd_focal_lengths_are_no_field_of_view() {
+        for focal in [0, 1, 9000] {
+            let bytes = jpeg_with_exif(&gradient(60, 40), &[(0xa405, focal)]);
+            assert_eq!(decode_photo(&bytes).unwrap().vertical_fov_radians, None);
+        }
+    }
+
+    #[test]
+    fn a_truncated_jpeg_is_no_gray_photo() {
+        let bytes = jpeg_with_exif(&gradient(80, 90), &[]);
+        assert!(decode_photo(&bytes).is_ok());
+        let mut appended = bytes.clone();
+        appended.extend(b"what phones append");
+        assert!(decode_photo(&appended).is_ok());
+        for share in [3, 10, 50, 90, 99] {
+            let cut = &bytes[..bytes.len() * share / 100];
+            assert!(decode_photo(cut).is_err(), "{share} %");
+        }
+        assert!(matches!(
+            decode_photo(&bytes[..bytes.len() - 20]),
+            Err(PhotoError::Truncated)
+        ));
+    }
+
+    #[test]
+    fn truncated_png_is_damaged() {
+        let bytes = encode_photo_png(&gradient(80, 90)).unwrap();
+        let cut = &bytes[..bytes.len() / 2];
+        assert!(matches!(decode_photo(cut), Err(PhotoError::Damaged(_))));
+    }
+
+    #[test]
+    fn other_files_are_told_by_name() {
+        assert!(matches!(decode_photo(b""), Err(PhotoError::UnknownFormat)));
+        assert!(matches!(
+            decode_photo(b"GIF89a\x01\0\x01\0\0"),
+            Err(PhotoError::UnknownFormat)
+        ));
+        assert!(matches!(
+            decode_photo(b"\0\0\0\x18ftypheic\0\0\0\0"),
+            Err(PhotoError::Heic)
+        ));
+    }
+
+    #[test]
+    fn a_small_file_cannot_claim_a_huge_photo() {
+        let mut bytes = encode_photo_png(&gradient(40, 40)).unwrap();
+        // width and height of the header, whose checksum then no longer holds
+        bytes[16..24].copy_from_slice(&[0, 0, 0xf0, 0, 0, 0, 0xf0, 0]);
+        assert!(decode_photo(&bytes).is_err());
+    }
+
+    #[test]
+    fn one_pixel_is_too_small_and_one_color_is_blank() {
+        let bytes = encode_photo_png(&gradient(1, 1)).unwrap();
+        assert!(matches!(
+            decode_photo(&bytes),
+            Err(PhotoError::TooSmall { .. })
+        ));
+        let black = Photo::filled(64, 64, [0; 3]);
+        assert!(matches!(
+            check_contrast(&black),
+            Err(PhotoError::Blank { .. })
+        ));
+        assert!(check_contrast(&gradient(64, 64)).is_ok());
+    }
+
+    #[test]
+    fn shrinking_averages_areas() {
+        let photo = Photo::from_vec(4, 2, [0, 8, 16, 24, 4, 12, 20, 28].map(|v| [v; 3]).into());
+        let small = shrink(photo, 2);
+        assert_eq!((small.width(), small.height()), (2, 1));
+        assert_eq!(small.as_slice(), [[6; 3], [22; 3]]);
+    }
+
+    #[test]
+    fn resampling_keeps_a_ramp() {
+        let ramp = Grid::from_fn(8, 4, |x, _| x as f32);
+        let large = resample(&ramp, 16, 8);
+        for x in 1..15 {
+            let expected = (x as f32 + 0.5) / 2.0 - 0.5;
+            assert!((large[(x, 3)] - expected).abs() < 1e-5);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn shrinking_keeps_one_color(width in 1usize..90, height in 1usize..90, side in 1usize..40) {
+            let small = shrink(Photo::filled(width, height, [10, 200, 31]), side);
+            prop_assert!(small.width().max(small.height()) <= side.max(1).min(width.max(height)));
+            prop_assert!(small.as_slice().iter().all(|&p| p == [10, 200, 31]));
+        }
+
+        #[test]
+        fn damaged_files_never_panic(at in 0usize..3000, value: u8) {
+            let mut bytes = jpeg_with_exif(&gradient(40, 33), &[(0x0112, 3), (0xa405, 28)]);
+            let at = at % bytes.len();
+            bytes[at] = value;
+            let _ = decode_photo(&bytes);
+        }
+    }
+}
