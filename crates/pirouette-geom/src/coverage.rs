@@ -1,1 +1,397 @@
-//! Antialiased coverage of polygons and projected meshes.
+//! Antialiased coverage of polygons: how much of each pixel lies inside.
+//!
+//! Inside is where the winding number is not zero, so overlapping loops of one orientation merge and
+//! loops of the other orientation cut holes. Each pixel row is cut into slabs, at 1/16 px and at every
+//! vertex; inside a slab the spans between crossings are exact horizontally. The area of the coverage is
+//! therefore the area of the polygon, but for slabs in which edges cross each other.
+
+use glam::DVec2;
+
+use crate::Grid;
+
+/// Even slabs per pixel row
+///
+/// Fewer, and nearly horizontal edges become visible stairs; more only costs time: at 16 the stairs are
+/// 1/16 of a gray level range, below what any outline at half coverage notices.
+const SLABS_PER_ROW: usize = 16;
+
+/// Slabs are not cut thinner than this at vertices, in px
+///
+/// Bounds the work where thousands of vertices share a row; costs at most this times the length of a
+/// horizontal edge in area.
+const MIN_SLAB_PX: f64 = 1.0 / 512.0;
+
+/// Coverage this near to 0 or 1 is rounding and becomes 0 or 1
+const ROUNDING: f64 = 1e-9;
+
+/// A directed edge, stored from its upper to its lower end
+struct Edge {
+    top: f64,
+    bottom: f64,
+    x_at_top: f64,
+    dx_dy: f64,
+    /// +1 when the given edge points down, -1 when it points up
+    winding: i32,
+    /// Where the edge crosses the slab at hand
+    x: f64,
+}
+
+/// Fills the region that directed edges wind around, as coverage from 0 to 1 per pixel
+///
+/// The edges are in pixels and need no order, but together they form closed loops; loops may leave the
+/// grid on any side. Where loops are left open to the right nothing is filled. Edges whose coordinates are
+/// not finite are left out.
+///
+/// # Examples
+/// ```
+/// use glam::DVec2;
+/// use pirouette_geom::coverage::fill_edges;
+/// let p = [DVec2::new(0.5, 0.0), DVec2::new(2.0, 0.0), DVec2::new(2.0, 1.0), DVec2::new(0.5, 1.0)];
+/// let grid = fill_edges(3, 1, &[[p[0], p[1]], [p[1], p[2]], [p[2], p[3]], [p[3], p[0]]]);
+/// assert_eq!(grid.as_slice(), &[0.5, 1.0, 0.0]);
+/// ```
+pub fn fill_edges(width: usize, height: usize, edges: &[[DVec2; 2]]) -> Grid<f32> {
+    let mut grid = Grid::filled(width, height, 0f32);
+    if width == 0 || height == 0 {
+        return grid;
+    }
+    let (edges, starts) = sort_edges(height, edges);
+
+    let mut active: Vec<Edge> = Vec::new();
+    let mut waiting = edges.into_iter();
+    let mut cuts: Vec<f64> = Vec::new();
+    let mut crossings: Vec<(f64, i32)> = Vec::new();
+    // Differences of coverage from pixel to pixel; two more than the row, so that a step at the right
+    // border needs no care
+    let mut steps = vec![0f64; width + 2];
+
+    for (y, &start_count) in starts.iter().enumerate() {
+        active.extend(waiting.by_ref().take(start_count));
+        if active.is_empty() {
+            continue;
+        }
+        let row_top = y as f64;
+        let row_bottom = row_top + 1.0;
+        cut_row(row_top, &active, &mut cuts);
+
+        let (mut first, mut last) = (width, 0);
+        for slab in cuts.windows(2) {
+            let middle = 0.5 * (slab[0] + slab[1]);
+            crossings.clear();
+            for edge in &mut active {
+                edge.x = edge.x_at_top + (middle - edge.top) * edge.dx_dy;
+            }
+            // Edges keep their order from slab to slab but for a few, so insertion sort is nearly free
+            insertion_sort(&mut active);
+            crossings.extend(
+                active
+                    .iter()
+                    .filter(|edge| edge.top <= middle && middle < edge.bottom)
+                    .map(|edge| (edge.x, edge.winding)),
+            );
+            let mut winding = 0;
+            let mut span_start = 0.0;
+            for &(x, turn) in &crossings {
+                let before = winding;
+                winding += turn;
+                if before == 0 {
+                    span_start = x;
+                } else if winding == 0 {
+                    let from = span_start.clamp(0.0, width as f64);
+                    let to = x.clamp(0.0, width as f64);
+                    if from < to {
+                        add_step(&mut steps, from, slab[1] - slab[0]);
+                        add_step(&mut steps, to, slab[0] - slab[1]);
+                        first = first.min(from as usize);
+                        last = last.max(to as usize + 1);
+                    }
+                }
+            }
+        }
+        if first <= last {
+            let mut coverage = 0.0;
+            let row = grid.row_mut(y);
+            for (x, step) in steps[first..=last].iter_mut().enumerate() {
+                coverage += std::mem::take(step);
+                if let Some(pixel) = row.get_mut(first + x) {
+                    *pixel = if coverage < ROUNDING {
+                        0.0
+                    } else if coverage > 1.0 - ROUNDING {
+                        1.0
+                    } else {
+                        coverage as f32
+                    };
+                }
+            }
+        }
+        active.retain(|edge| edge.bottom > row_bottom);
+    }
+    grid
+}
+
+/// Fills closed polygons, as coverage from 0 to 1 per pixel
+///
+/// The last point of each polygon joins the first. Nonzero winding over all polygons together: give
+/// holes the opposite orientation. A polygon with a coordinate that is not finite is left out.
+pub fn fill_polygons(width: usize, height: usize, polygons: &[Vec<DVec2>]) -> Grid<f32> {
+    let mut edges = Vec::with_capacity(polygons.iter().map(Vec::len).sum());
+    for polygon in polygons {
+        if polygon.iter().all(|p| p.is_finite()) {
+            let ends = polygon.iter().cycle().skip(1);
+            edges.extend(polygon.iter().zip(ends).map(|(&a, &b)| [a, b]));
+        }
+    }
+    fill_edges(width, height, &edges)
+}
+
+/// Edges that touch the rows of the grid in the order of their first row, and how many start in each row
+fn sort_edges(height: usize, edges: &[[DVec2; 2]]) -> (Vec<Edge>, Vec<usize>) {
+    let mut starts = vec![0; height];
+    let mut sorted: Vec<Edge> = Vec::with_capacity(edges.len());
+    for &[a, b] in edges {
+        if !(a.is_finite() && b.is_finite()) {
+            continue;
+        }
+        let (top, bottom, winding) = if a.y < b.y { (a, b, 1) } else { (b, a, -1) };
+        let dx_dy = (bottom.x - top.x) / (bottom.y - top.y);
+        // Not finite: horizontal, or so flat that the crossing is anywhere
+        if bottom.y <= 0.0 || top.y >= height as f64 || !dx_dy.is_finite() {
+            continue;
+        }
+        starts[first_row(top.y)] += 1;
+        sorted.push(Edge {
+            top: top.y,
+            bottom: bottom.y,
+            x_at_top: top.x,
+            dx_dy,
+            winding,
+            x: top.x,
+        });
+    }
+    sorted.sort_by_key(|edge| first_row(edge.top));
+    (sorted, starts)
+}
+
+/// The first row of the grid that an edge reaches, given its upper end
+fn first_row(top: f64) -> usize {
+    top.max(0.0) as usize
+}
+
+/// The borders of the slabs of one row, from its top to its bottom
+fn cut_row(row_top: f64, active: &[Edge], cuts: &mut Vec<f64>) {
+    let inside = |y: f64| y > row_top && y < row_top + 1.0;
+    cuts.clear();
+    cuts.extend((0..=SLABS_PER_ROW).map(|i| row_top + i as f64 / SLABS_PER_ROW as f64));
+    let even = cuts.len();
+    for edge in active {
+        cuts.extend([edge.top, edge.bottom].into_iter().filter(|&y| inside(y)));
+    }
+    if cuts.len() > even {
+        let row_bottom = row_top + 1.0;
+        cuts.sort_unstable_by(f64::total_cmp);
+        cuts.dedup_by(|next, kept| *next - *kept < MIN_SLAB_PX);
+        // The row ends where it ends, whatever the last cut before it
+        if let Some(end) = cuts.last_mut() {
+            *end = row_bottom;
+        }
+    }
+}
+
+fn insertion_sort(edges: &mut [Edge]) {
+    for i in 1..edges.len() {
+        let mut j = i;
+        while j > 0 && edges[j - 1].x > edges[j].x {
+            edges.swap(j - 1, j);
+            j -= 1;
+        }
+    }
+}
+
+/// Adds `amount` to the coverage of everything right of `x`
+fn add_step(steps: &mut [f64], x: f64, amount: f64) {
+    let pixel = x as usize;
+    let fraction = x - pixel as f64;
+    steps[pixel] += amount * (1.0 - fraction);
+    steps[pixel + 1] += amount * fraction;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn rectangle(x0: f64, y0: f64, x1: f64, y1: f64) -> Vec<DVec2> {
+        vec![
+            DVec2::new(x0, y0),
+            DVec2::new(x1, y0),
+            DVec2::new(x1, y1),
+            DVec2::new(x0, y1),
+        ]
+    }
+
+    fn total(grid: &Grid<f32>) -> f64 {
+        grid.as_slice().iter().map(|&v| f64::from(v)).sum()
+    }
+
+    fn area(polygon: &[DVec2]) -> f64 {
+        let next = polygon.iter().cycle().skip(1);
+        0.5 * polygon
+            .iter()
+            .zip(next)
+            .map(|(a, b)| a.perp_dot(*b))
+            .sum::<f64>()
+    }
+
+    /// Points in angular order on an ellipse, hence convex
+    fn convex_polygon() -> impl Strategy<Value = Vec<DVec2>> {
+        (
+            prop::collection::vec(0.0..std::f64::consts::TAU, 3..12),
+            8.0..18.0f64,
+            8.0..18.0f64,
+            0.0..3.0f64,
+        )
+            .prop_map(|(mut angles, a, b, turn)| {
+                angles.sort_by(f64::total_cmp);
+                let turn = DVec2::from_angle(turn);
+                angles
+                    .iter()
+                    .map(|&t| {
+                        DVec2::new(20.3, 19.8) + turn.rotate(DVec2::new(a * t.cos(), b * t.sin()))
+                    })
+                    .collect()
+            })
+    }
+
+    /// Coverage by testing 32 x 32 samples per pixel against the winding number
+    fn fill_reference(width: usize, height: usize, polygons: &[Vec<DVec2>]) -> Grid<f32> {
+        const SAMPLES: usize = 32;
+        let winding = |p: DVec2| -> i32 {
+            let mut winding = 0;
+            for polygon in polygons {
+                for (i, &a) in polygon.iter().enumerate() {
+                    let b = polygon[(i + 1) % polygon.len()];
+                    if (a.y <= p.y) != (b.y <= p.y) {
+                        let x = a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x);
+                        if x < p.x {
+                            winding += if a.y < b.y { 1 } else { -1 };
+                        }
+                    }
+                }
+            }
+            winding
+        };
+        Grid::from_fn(width, height, |x, y| {
+            let mut inside = 0;
+            for j in 0..SAMPLES {
+                for i in 0..SAMPLES {
+                    let at = |k: usize| (k as f64 + 0.5) / SAMPLES as f64;
+                    let p = DVec2::new(x as f64 + at(i), y as f64 + at(j));
+                    inside += usize::from(winding(p) != 0);
+                }
+            }
+            inside as f32 / (SAMPLES * SAMPLES) as f32
+        })
+    }
+
+    #[test]
+    fn half_covered_pixels_are_exact() {
+        let grid = fill_polygons(4, 4, &[rectangle(0.5, 1.0, 3.0, 2.5)]);
+        let expected = [
+            0.0, 0.0, 0.0, 0.0, //
+            0.5, 1.0, 1.0, 0.0, //
+            0.25, 0.5, 0.5, 0.0, //
+            0.0, 0.0, 0.0, 0.0,
+        ];
+        assert_eq!(grid.as_slice(), &expected);
+    }
+
+    #[test]
+    fn a_diagonal_halves_its_pixels() {
+        let triangle = vec![DVec2::ZERO, DVec2::new(3.0, 3.0), DVec2::new(0.0, 3.0)];
+        let grid = fill_polygons(3, 3, &[triangle]);
+        for i in 0..3 {
+            assert!((grid[(i, i)] - 0.5).abs() < 1e-6);
+        }
+        assert_eq!(grid[(0, 2)], 1.0);
+        assert_eq!(grid[(2, 0)], 0.0);
+    }
+
+    #[test]
+    fn loops_beyond_the_grid_still_wind() {
+        for outside in [
+            rectangle(-50.0, -50.0, 60.0, 60.0),
+            rectangle(-1e9, -1e9, 1e9, 1e9),
+        ] {
+            let grid = fill_polygons(5, 4, &[outside]);
+            assert!(grid.as_slice().iter().all(|&v| v == 1.0));
+        }
+        let left = fill_polygons(5, 4, &[rectangle(-8.0, 0.0, 2.5, 2.0)]);
+        assert!((total(&left) - 5.0).abs() < 1e-6);
+        let beside = fill_polygons(5, 4, &[rectangle(-8.0, 0.0, -2.5, 2.0)]);
+        assert_eq!(total(&beside), 0.0);
+        let right = fill_polygons(5, 4, &[rectangle(4.25, -3.0, 9.0, 12.0)]);
+        assert!((total(&right) - 3.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn overlaps_count_once_and_holes_are_cut() {
+        let twice = [rectangle(1.0, 1.0, 3.5, 3.0), rectangle(2.0, 2.0, 4.5, 3.5)];
+        assert!((total(&fill_polygons(6, 6, &twice)) - (5.0 + 3.75 - 1.5)).abs() < 1e-5);
+        let mut hole = rectangle(1.5, 1.5, 3.25, 3.0);
+        hole.reverse();
+        let ring = [rectangle(0.0, 0.0, 5.0, 5.0), hole];
+        assert!((total(&fill_polygons(6, 6, &ring)) - (25.0 - 2.625)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn poison_fills_nothing_and_never_panics() {
+        let nan = vec![
+            DVec2::NAN,
+            DVec2::new(3.0, 0.0),
+            DVec2::new(3.0, f64::INFINITY),
+        ];
+        assert_eq!(total(&fill_polygons(3, 3, &[nan])), 0.0);
+        assert_eq!(
+            total(&fill_polygons(3, 3, &[vec![], vec![DVec2::ONE]])),
+            0.0
+        );
+        assert_eq!(
+            fill_polygons(0, 3, &[rectangle(0.0, 0.0, 1.0, 1.0)]).width(),
+            0
+        );
+        let open = [[DVec2::new(1.0, 0.0), DVec2::new(1.0, 3.0)]];
+        assert_eq!(total(&fill_edges(3, 3, &open)), 0.0);
+        let huge = vec![
+            DVec2::new(-f64::MAX, -f64::MAX),
+            DVec2::new(f64::MAX, 1.0),
+            DVec2::new(0.0, f64::MAX),
+        ];
+        let grid = fill_polygons(3, 3, &[huge]);
+        assert!(grid.as_slice().iter().all(|v| (0.0..=1.0).contains(v)));
+    }
+
+    proptest! {
+        #[test]
+        fn area_of_the_coverage_is_the_area_of_the_polygon(polygon in convex_polygon()) {
+            let exact = area(&polygon);
+            let filled = total(&fill_polygons(40, 40, std::slice::from_ref(&polygon)));
+            prop_assert!((filled - exact).abs() <= 1e-3 * exact + 1e-4, "{filled} for {exact}");
+        }
+
+        #[test]
+        fn agrees_with_sampling(
+            points in prop::collection::vec((-3.0..11.0f64, -3.0..11.0f64), 3..9),
+            more in prop::collection::vec((-3.0..11.0f64, -3.0..11.0f64), 3..5),
+        ) {
+            let polygons: Vec<Vec<DVec2>> = [points, more]
+                .iter()
+                .map(|p| p.iter().map(|&(x, y)| DVec2::new(x, y)).collect())
+                .collect();
+            let fast = fill_polygons(8, 8, &polygons);
+            let slow = fill_reference(8, 8, &polygons);
+            for (a, b) in fast.as_slice().iter().zip(slow.as_slice()) {
+                prop_assert!((a - b).abs() < 0.06, "{a} for {b}");
+            }
+        }
+    }
+}
