@@ -1,1 +1,249 @@
 //! Exact Euclidean distance maps.
+//!
+//! Distances run between pixel centers. Two passes, each linear in the number of pixels: distances along
+//! the columns, swept row by row so that memory is read in order, then along each row the lower envelope
+//! of the parabolas that the columns raise.
+
+use glam::DVec2;
+
+use crate::{Grid, Mask};
+
+/// Distance from each pixel center to the nearest `true` pixel center, in px
+///
+/// 0 on `true` pixels; infinite everywhere when there are none.
+///
+/// # Source
+/// A. Meijster, J. Roerdink, W. Hesselink 2000, "A general algorithm for computing distance transforms in
+/// linear time", for the passes; P. Felzenszwalb, D. Huttenlocher 2012, "Distance transforms of sampled
+/// functions", for the envelope.
+///
+/// # Examples
+/// ```
+/// use pirouette_geom::{Mask, distance_map::distance_to};
+/// let distance = distance_to(&Mask::from_art("#.. ..."));
+/// assert_eq!(distance.as_slice(), &[0.0, 1.0, 2.0, 1.0, 2f32.sqrt(), 5f32.sqrt()]);
+/// ```
+pub fn distance_to(mask: &Mask) -> Grid<f32> {
+    let rows = column_distances(mask);
+    let mut distance = Grid::filled(mask.width(), mask.height(), f32::INFINITY);
+    let mut envelope = Vec::with_capacity(mask.width());
+    for y in 0..mask.height() {
+        row_distances(rows.row(y), distance.row_mut(y), &mut envelope);
+    }
+    distance
+}
+
+/// Signed distance from each pixel center to the border of a mask, in px, negative inside
+///
+/// The border runs half way between pixels inside and pixels outside, so no value is nearer to zero than
+/// 0.5. Infinite where there is no border: positive for an empty mask, negative for a full one.
+///
+/// # Examples
+/// ```
+/// use pirouette_geom::{Mask, distance_map::signed_distance};
+/// let distance = signed_distance(&Mask::from_art("..##"));
+/// assert_eq!(distance.as_slice(), &[1.5, 0.5, -0.5, -1.5]);
+/// ```
+pub fn signed_distance(mask: &Mask) -> Grid<f32> {
+    let mut distance = distance_to(mask);
+    let inside = distance_to(&mask.map(|&v| !v));
+    for (d, &depth) in distance.as_mut_slice().iter_mut().zip(inside.as_slice()) {
+        *d = if *d > 0.0 { *d - 0.5 } else { 0.5 - depth };
+    }
+    distance
+}
+
+/// Looks up a map between its pixel centers, linearly in x and in y
+///
+/// `point` is in pixels, as everywhere: the center of the first pixel is at (0.5, 0.5). Points beyond the
+/// outermost pixel centers take the value at the nearest place between them. NaN for an empty map or a
+/// point that is not a number.
+pub fn bilinear(map: &Grid<f32>, point: DVec2) -> f64 {
+    if map.width() == 0 || map.height() == 0 || point.is_nan() {
+        return f64::NAN;
+    }
+    let x = (point.x - 0.5).clamp(0.0, (map.width() - 1) as f64);
+    let y = (point.y - 0.5).clamp(0.0, (map.height() - 1) as f64);
+    let (x0, y0) = (x as usize, y as usize);
+    let (x1, y1) = (
+        (x0 + 1).min(map.width() - 1),
+        (y0 + 1).min(map.height() - 1),
+    );
+    let (fx, fy) = (x - x0 as f64, y - y0 as f64);
+    let at = |x, y| f64::from(map[(x, y)]);
+    // A weight of zero must not meet an infinite value
+    let mix = |a: f64, b: f64, t: f64| if t == 0.0 { a } else { a + (b - a) * t };
+    let mix = |a: f64, b: f64, t: f64| if a == b { a } else { mix(a, b, t) };
+    mix(
+        mix(at(x0, y0), at(x1, y0), fx),
+        mix(at(x0, y1), at(x1, y1), fx),
+        fy,
+    )
+}
+
+/// Column distance where a column holds no `true` pixel
+const NONE: u32 = u32::MAX;
+
+/// Distance of each pixel to the nearest `true` pixel of its column
+fn column_distances(mask: &Mask) -> Grid<u32> {
+    let (width, height) = (mask.width(), mask.height());
+    let mut rows = Grid::filled(width, height, NONE);
+    let mut last = vec![NONE; width];
+    for y in 0..height {
+        for ((here, last), &inside) in rows.row_mut(y).iter_mut().zip(&mut last).zip(mask.row(y)) {
+            *last = if inside { 0 } else { last.saturating_add(1) };
+            *here = *last;
+        }
+    }
+    last.fill(NONE);
+    for y in (0..height).rev() {
+        for (here, last) in rows.row_mut(y).iter_mut().zip(&mut last) {
+            *last = (*here).min(last.saturating_add(1));
+            *here = *last;
+        }
+    }
+    rows
+}
+
+/// A parabola of the lower envelope of one row
+struct Parabola {
+    /// Column of its apex
+    column: usize,
+    /// Squared column distance at the apex
+    height: f64,
+    /// First column where it is the lowest, not rounded
+    from: f64,
+}
+
+/// Distances of one row from the column distances of its pixels
+fn row_distances(columns: &[u32], row: &mut [f32], envelope: &mut Vec<Parabola>) {
+    envelope.clear();
+    for (column, &distance) in columns.iter().enumerate() {
+        if distance == NONE {
+            continue;
+        }
+        let height = f64::from(distance) * f64::from(distance);
+        let mut from = f64::NEG_INFINITY;
+        while let Some(top) = envelope.last() {
+            let gap = (column - top.column) as f64;
+            let middle = (column + top.column) as f64;
+            from = 0.5 * (middle + (height - top.height) / gap);
+            if from > top.from {
+                break;
+            }
+            envelope.pop();
+            from = f64::NEG_INFINITY;
+        }
+        if from < row.len() as f64 {
+            envelope.push(Parabola {
+                column,
+                height,
+                from,
+            });
+        }
+    }
+    let mut start = 0;
+    for (i, parabola) in envelope.iter().enumerate() {
+        // At the crossing itself both parabolas are equal
+        let end = envelope
+            .get(i + 1)
+            .map_or(row.len(), |next| next.from.max(0.0).ceil() as usize)
+            .min(row.len());
+        let (apex, height) = (parabola.column as f32, parabola.height as f32);
+        for (x, value) in row.iter_mut().enumerate().take(end).skip(start) {
+            let dx = x as f32 - apex;
+            *value = (dx * dx + height).sqrt();
+        }
+        start = start.max(end);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn distance_reference(mask: &Mask) -> Grid<f32> {
+        Grid::from_fn(mask.width(), mask.height(), |x, y| {
+            let mut nearest = f64::INFINITY;
+            for v in 0..mask.height() {
+                for u in 0..mask.width() {
+                    if mask[(u, v)] {
+                        let d = (u as f64 - x as f64).hypot(v as f64 - y as f64);
+                        nearest = nearest.min(d);
+                    }
+                }
+            }
+            nearest as f32
+        })
+    }
+
+    fn masks() -> impl Strategy<Value = Mask> {
+        (1usize..24, 1usize..24, 0.0..0.6f64).prop_flat_map(|(width, height, density)| {
+            prop::collection::vec(prop::bool::weighted(density), width * height)
+                .prop_map(move |data| Mask::from_vec(width, height, data))
+        })
+    }
+
+    #[test]
+    fn single_pixel_raises_a_cone() {
+        let distance = distance_to(&Mask::from_art("..... ..#.. ....."));
+        assert_eq!(distance[(2, 1)], 0.0);
+        assert_eq!(distance[(0, 1)], 2.0);
+        assert_eq!(distance[(3, 2)], 2f32.sqrt());
+        assert_eq!(distance[(4, 0)], 5f32.sqrt());
+    }
+
+    #[test]
+    fn empty_masks_are_infinitely_far() {
+        let distance = distance_to(&Mask::filled(3, 2, false));
+        assert!(distance.as_slice().iter().all(|d| *d == f32::INFINITY));
+        assert_eq!(distance_to(&Mask::filled(0, 0, true)).width(), 0);
+        assert_eq!(distance_to(&Mask::filled(0, 5, true)).height(), 5);
+        assert_eq!(distance_to(&Mask::filled(1, 1, true))[(0, 0)], 0.0);
+    }
+
+    #[test]
+    fn signed_distance_of_full_and_empty_masks_is_infinite() {
+        assert_eq!(
+            signed_distance(&Mask::filled(1, 1, true))[(0, 0)],
+            f32::NEG_INFINITY
+        );
+        assert_eq!(
+            signed_distance(&Mask::filled(1, 1, false))[(0, 0)],
+            f32::INFINITY
+        );
+    }
+
+    #[test]
+    fn bilinear_meets_the_pixel_centers_and_clamps() {
+        let map = Grid::from_vec(2, 2, vec![0f32, 1.0, 2.0, f32::INFINITY]);
+        assert_eq!(bilinear(&map, DVec2::new(0.5, 0.5)), 0.0);
+        assert_eq!(bilinear(&map, DVec2::new(1.0, 0.5)), 0.5);
+        assert_eq!(bilinear(&map, DVec2::new(0.5, 1.0)), 1.0);
+        assert_eq!(bilinear(&map, DVec2::new(-4.0, 0.0)), 0.0);
+        assert_eq!(bilinear(&map, DVec2::new(1.5, 0.5)), 1.0);
+        assert_eq!(bilinear(&map, DVec2::new(9.0, 9.0)), f64::INFINITY);
+        assert!(bilinear(&map, DVec2::NAN).is_nan());
+    }
+
+    proptest! {
+        #[test]
+        fn agrees_with_looking_at_every_pixel(mask in masks()) {
+            let fast = distance_to(&mask);
+            let slow = distance_reference(&mask);
+            prop_assert_eq!(fast.as_slice(), slow.as_slice());
+        }
+
+        #[test]
+        fn inverting_the_mask_flips_the_sign(mask in masks()) {
+            let inside = signed_distance(&mask);
+            let outside = signed_distance(&mask.map(|&v| !v));
+            for (i, (&a, &b)) in inside.as_slice().iter().zip(outside.as_slice()).enumerate() {
+                prop_assert_eq!(a, -b);
+                prop_assert!(a.abs() >= 0.5);
+                prop_assert_eq!(a < 0.0, mask.as_slice()[i]);
+            }
+        }
+    }
+}
