@@ -1,1 +1,0 @@
-//! Silhouettes, limb visibility and shaded pictures of posed bodies.

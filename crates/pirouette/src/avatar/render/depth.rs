@@ -1,0 +1,330 @@
+//! Depth buffer, and what it hides.
+
+use glam::{DVec2, DVec3};
+use pirouette_geom::Grid;
+
+use super::MIN_DEPTH_MM;
+use crate::avatar::Avatar;
+use crate::camera::Camera;
+use crate::pose::PosedBones;
+use crate::skeleton::Bone;
+
+/// A bone counts as visible when at least this share of its surface is not behind another part
+///
+/// At one half a forearm that dips behind the trunk at the elbow still counts, and the far arm of a profile,
+/// of which a sliver shows before or behind the trunk, does not.
+pub const MIN_VISIBLE_SHARE: f64 = 0.5;
+
+/// How much nearer, in mm, a surface must be to hide a vertex
+///
+/// Vertices lie on the surface that is drawn: below a few millimeters the slope within a pixel makes
+/// them hide themselves, and above the thickness of a hand, parts that touch no longer hide each other.
+const HIDING_MARGIN_MM: f64 = 8.0;
+
+/// The surface nearest to the camera at each pixel center
+#[derive(Debug, Clone)]
+pub struct NearestSurface {
+    /// Depth along the optical axis, in mm; infinite where nothing is
+    pub depth_mm: Grid<f32>,
+    /// Index of the triangle; [`NearestSurface::NONE`] where nothing is
+    pub triangle: Grid<u32>,
+}
+
+impl NearestSurface {
+    /// Stands for no triangle
+    pub const NONE: u32 = u32::MAX;
+}
+
+/// Depth along the optical axis, in mm, of the nearest surface at each pixel center; infinite where nothing is
+///
+/// # Panics
+/// When a triangle names a vertex that does not exist.
+pub fn depth_map(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Camera) -> Grid<f32> {
+    nearest_surface(positions, triangles, camera).depth_mm
+}
+
+/// Finds depth and triangle of the nearest surface at each pixel center
+///
+/// # Panics
+/// When a triangle names a vertex that does not exist.
+pub fn nearest_surface(
+    positions: &[DVec3],
+    triangles: &[[u32; 3]],
+    camera: &Camera,
+) -> NearestSurface {
+    let (width, height) = (camera.width_px, camera.height_px);
+    let mut surface = NearestSurface {
+        depth_mm: Grid::filled(width, height, f32::INFINITY),
+        triangle: Grid::filled(width, height, NearestSurface::NONE),
+    };
+    let corners = project_with_depth(positions, camera);
+    for (t, triangle) in triangles.iter().enumerate() {
+        let [Some(a), Some(b), Some(c)] = triangle.map(|v| corners[v as usize]) else {
+            continue;
+        };
+        each_pixel(width, height, [a.0, b.0, c.0], |x, y, [wa, wb, wc]| {
+            // 1 / depth is linear on screen
+            let depth = (1.0 / (wa / a.1 + wb / b.1 + wc / c.1)) as f32;
+            if depth < surface.depth_mm[(x, y)] {
+                surface.depth_mm[(x, y)] = depth;
+                surface.triangle[(x, y)] = t as u32;
+            }
+        });
+    }
+    surface
+}
+
+/// Photo coordinates and depth, `None` behind the camera or not finite
+pub(super) fn project_with_depth(
+    positions: &[DVec3],
+    camera: &Camera,
+) -> Vec<Option<(DVec2, f64)>> {
+    positions
+        .iter()
+        .map(|&p| {
+            let (photo, depth) = (camera.project(p), camera.depth(p));
+            (depth > MIN_DEPTH_MM && depth.is_finite() && photo.is_finite())
+                .then_some((photo, depth))
+        })
+        .collect()
+}
+
+/// Triangles of less area than this on screen, in square px, are seen edge on
+const MIN_AREA_PX: f64 = 1e-12;
+
+/// Calls `visit` with column, row and barycentric weights of every pixel center in a triangle
+pub(super) fn each_pixel(
+    width: usize,
+    height: usize,
+    [a, b, c]: [DVec2; 3],
+    mut visit: impl FnMut(usize, usize, [f64; 3]),
+) {
+    let area = (b - a).perp_dot(c - a);
+    if area.abs() <= MIN_AREA_PX {
+        return;
+    }
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    // pixel centers within [low, high]; float to integer casts saturate
+    let first = |v: f64| (v - 0.5).ceil().max(0.0) as usize;
+    let end = |v: f64, size: usize| ((v - 0.5).floor() + 1.0).clamp(0.0, size as f64) as usize;
+    let (x0, x1) = (first(low.x), end(high.x, width));
+    let (y0, y1) = (first(low.y), end(high.y, height));
+    // barycentric weights of b and c grow by these per column
+    let step_b = (c - a).y / area;
+    let step_c = -(b - a).y / area;
+    for y in y0..y1 {
+        let start = DVec2::new(x0 as f64 + 0.5, y as f64 + 0.5) - a;
+        let (mut wb, mut wc) = (start.perp_dot(c - a) / area, (b - a).perp_dot(start) / area);
+        for x in x0..x1 {
+            let wa = 1.0 - wb - wc;
+            if wa >= -EDGE_SLACK && wb >= -EDGE_SLACK && wc >= -EDGE_SLACK {
+                visit(x, y, [wa, wb, wc]);
+            }
+            wb += step_b;
+            wc += step_c;
+        }
+    }
+}
+
+/// Barycentric slack that keeps rounding from leaving a crack between neighbors
+const EDGE_SLACK: f64 = 1e-9;
+
+/// Which vertices nothing lies before; vertices outside the photo are not visible
+///
+/// # Panics
+/// When a triangle names a vertex that does not exist.
+pub fn visible_vertices(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Camera) -> Vec<bool> {
+    let surface = nearest_surface(positions, triangles, camera);
+    project_with_depth(positions, camera)
+        .into_iter()
+        .map(|vertex| {
+            let Some((photo, depth)) = vertex else {
+                return false;
+            };
+            let Some((x, y)) = pixel_of(photo, camera) else {
+                return false;
+            };
+            // The farthest neighbor decides: a vertex on the rim is never at a pixel center.
+            let farthest = (-1..=1)
+                .flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)))
+                .filter_map(|(dx, dy)| surface.depth_mm.get(x as isize + dx, y as isize + dy))
+                .fold(0.0f32, |far, &d| far.max(d));
+            depth <= f64::from(farthest) + HIDING_MARGIN_MM
+        })
+        .collect()
+}
+
+fn pixel_of(photo: DVec2, camera: &Camera) -> Option<(usize, usize)> {
+    let inside = photo.x >= 0.0
+        && photo.y >= 0.0
+        && photo.x < camera.width_px as f64
+        && photo.y < camera.height_px as f64;
+    inside.then_some((photo.x as usize, photo.y as usize))
+}
+
+/// Share of each bone's surface, 0 to 1, that no other part hides; 0 for bones outside the photo
+///
+/// The far side of a limb does not count as hidden by the limb itself, nor by the bones it joins, nor by bones
+/// between which only the spine lies: what matters is whether a photo shows where the limb is.
+pub fn visible_shares(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> [f64; Bone::COUNT] {
+    let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+    let surface = nearest_surface(&positions, &avatar.mesh.triangles, camera);
+    let bones: Vec<Bone> = avatar.weights.iter().map(|w| w.strongest()).collect();
+    let mut shown = [0usize; Bone::COUNT];
+    let mut total = [0usize; Bone::COUNT];
+    for (vertex, &bone) in project_with_depth(&positions, camera).iter().zip(&bones) {
+        total[bone as usize] += 1;
+        let Some((photo, depth)) = *vertex else {
+            continue;
+        };
+        let Some((x, y)) = pixel_of(photo, camera) else {
+            continue;
+        };
+        let triangle = surface.triangle[(x, y)];
+        let hidden = triangle != NearestSurface::NONE
+            && f64::from(surface.depth_mm[(x, y)]) + HIDING_MARGIN_MM < depth
+            && {
+                let corner = avatar.mesh.triangles[triangle as usize][0];
+                !joined(bone, bones[corner as usize])
+            };
+        shown[bone as usize] += usize::from(!hidden);
+    }
+    std::array::from_fn(|i| {
+        if total[i] == 0 {
+            0.0
+        } else {
+            shown[i] as f64 / total[i] as f64
+        }
+    })
+}
+
+/// Whether one of the bones is the other or joins it, or both belong to the trunk
+fn joined(a: Bone, b: Bone) -> bool {
+    let trunk = |bone: Bone| matches!(bone, Bone::Root | Bone::LowerSpine | Bone::UpperSpine);
+    a == b || a.parent() == Some(b) || b.parent() == Some(a) || (trunk(a) && trunk(b))
+}
+
+/// Which bones show: at least [`MIN_VISIBLE_SHARE`] of their surface is not behind another part
+pub fn visible_bones(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> [bool; Bone::COUNT] {
+    visible_shares(avatar, posed, camera).map(|share| share >= MIN_VISIBLE_SHARE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{camera, sphere};
+    use super::*;
+    use crate::avatar::ReferencePose;
+    use crate::pose::{Pose, SkinWeight, pose_bones};
+    use crate::skeleton::Joint;
+    use crate::units::TurnAngle;
+    use pirouette_geom::TriMesh;
+
+    #[test]
+    fn depth_of_a_facing_triangle_is_its_distance() {
+        let z = 100.0;
+        let positions = [
+            DVec3::new(-300.0, 600.0, z),
+            DVec3::new(300.0, 600.0, z),
+            DVec3::new(0.0, 1300.0, z),
+        ];
+        let map = depth_map(&positions, &[[0, 1, 2]], &camera());
+        assert!((map[(80, 100)] - 2400.0).abs() < 1e-2);
+        assert!(map[(0, 0)].is_infinite());
+    }
+
+    #[test]
+    fn slanted_depth_is_perspective_correct() {
+        let camera = camera();
+        let positions = [
+            DVec3::new(-400.0, 500.0, 500.0),
+            DVec3::new(400.0, 500.0, -500.0),
+            DVec3::new(0.0, 1500.0, 0.0),
+        ];
+        let normal = (positions[1] - positions[0]).cross(positions[2] - positions[0]);
+        let map = depth_map(&positions, &[[0, 1, 2]], &camera);
+        let ray = camera.ray(DVec2::new(70.5, 110.5));
+        let t = normal.dot(positions[0] - camera.center()) / normal.dot(ray);
+        let expected = camera.depth(camera.center() + ray * t);
+        assert!((f64::from(map[(70, 110)]) - expected).abs() < 1e-2);
+    }
+
+    #[test]
+    fn neighbors_share_every_pixel_between_them() {
+        let quad = [(10.3, 5.1), (90.7, 20.2), (70.1, 80.9), (20.4, 60.5)];
+        let [a, b, c, d] = quad.map(|(x, y)| DVec2::new(x, y));
+        let mut hits = Grid::filled(100, 100, 0u32);
+        each_pixel(100, 100, [a, b, c], |x, y, _| hits[(x, y)] += 1);
+        each_pixel(100, 100, [a, c, d], |x, y, [wa, wb, wc]| {
+            hits[(x, y)] += 1;
+            let p = a * wa + c * wb + d * wc;
+            let center = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+            assert!((p - center).length() < 1e-9);
+        });
+        let area = ((b - a).perp_dot(c - a) + (c - a).perp_dot(d - a)) / 2.0;
+        let count: u32 = hits.as_slice().iter().sum();
+        assert!((f64::from(count) - area).abs() < 30.0, "{count} {area}");
+        for y in 30..50 {
+            assert!((30..60).all(|x| hits[(x, y)] >= 1));
+        }
+    }
+
+    /// Two balls of one mesh: the forearm's before, the thigh's behind
+    fn two_balls(front: DVec3, back: DVec3) -> Avatar {
+        let (mut positions, mut triangles) = sphere(front, 100.0, 12);
+        let count = positions.len();
+        let (more, more_triangles) = sphere(back, 60.0, 12);
+        positions.extend(more);
+        triangles.extend(more_triangles.iter().map(|t| t.map(|v| v + count as u32)));
+        let weights = (0..positions.len())
+            .map(|v| {
+                SkinWeight::rigid(if v < count {
+                    Bone::LeftForearm
+                } else {
+                    Bone::RightThigh
+                })
+            })
+            .collect();
+        Avatar {
+            mesh: TriMesh {
+                positions,
+                triangles,
+            },
+            weights,
+            bone_heads: [DVec3::ZERO; Bone::COUNT],
+            keypoints: [DVec3::ZERO; Joint::COUNT],
+            tape_loops: Vec::new(),
+            landmarks: Vec::new(),
+            pose: ReferencePose::A,
+        }
+    }
+
+    #[test]
+    fn a_ball_before_another_hides_it_until_the_person_turns() {
+        let avatar = two_balls(
+            DVec3::new(0.0, 900.0, 300.0),
+            DVec3::new(0.0, 900.0, -200.0),
+        );
+        let seen = |degrees: f64| {
+            let turn = TurnAngle::from_degrees(degrees);
+            let posed = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
+            visible_bones(&avatar, &posed, &camera())
+        };
+        let front = seen(0.0);
+        assert!(front[Bone::LeftForearm as usize] && !front[Bone::RightThigh as usize]);
+        let side = seen(90.0);
+        assert!(side[Bone::LeftForearm as usize] && side[Bone::RightThigh as usize]);
+        assert!(!side[Bone::Head as usize], "no surface, not visible");
+
+        let sharp = Camera {
+            width_px: 800,
+            height_px: 1000,
+            ..camera()
+        };
+        let mesh = &avatar.mesh;
+        let vertices = visible_vertices(&mesh.positions, &mesh.triangles, &sharp);
+        let half = vertices.len() / 2;
+        let share = vertices[..half].iter().filter(|&&v| v).count() as f64 / half as f64;
+        assert!((0.35..0.65).contains(&share), "{share}");
+        assert!(vertices[half..].iter().all(|&v| !v));
+    }
+}
