@@ -1,1 +1,0 @@
-//! As-rigid-as-possible deformation of a planar mesh.

@@ -1,0 +1,504 @@
+//! As-rigid-as-possible deformation of planar meshes.
+//!
+//! Some vertices are constrained: handles go to their targets, anchors are handles whose target is their rest
+//! position. All others follow such that the star of each vertex moves as rigidly as possible. The
+//! matrix is factored once per choice of constrained vertices; each deformation alternates rotations in closed
+//! form with one solve.
+//!
+//! The energy never grows from round to round, but it may have several minima: handles that turn by more than
+//! about half a turn against each other can fold the mesh.
+
+mod cholesky;
+
+use glam::{DVec2, DVec3};
+
+use crate::planar_mesh::PlanarMesh;
+use crate::tri_mesh::TriMesh;
+use cholesky::Cholesky;
+
+/// Triangles flatter than this (area over squared longest edge) count as equilateral
+///
+/// Cotangents of such angles reach a million; much beyond, they drown the rest of the mesh in rounding.
+const FLATTEST: f64 = 1e-6;
+
+/// Cotangent of 60 degrees
+const EQUILATERAL_COTANGENT: f64 = 0.577_350_269_189_625_8;
+
+/// When to stop, and where to start
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArapOptions {
+    /// Most rounds of rotations and solve; more come closer to the minimum
+    pub rounds: usize,
+    /// Stop when no vertex moves by more than this in a round, in px; 0 does all rounds
+    pub tolerance: f64,
+    /// Positions before the first round
+    pub start: ArapStart,
+}
+
+impl Default for ArapOptions {
+    /// 30 rounds, or until nothing moves by a thousandth of a pixel
+    fn default() -> Self {
+        Self {
+            rounds: 30,
+            tolerance: 1e-3,
+            start: ArapStart::Rigid,
+        }
+    }
+}
+
+/// Positions of the free vertices before the first round
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ArapStart {
+    /// Each connected part moved by the rigid motion that fits its handles best
+    ///
+    /// Handles that move rigidly carry their part along exactly.
+    #[default]
+    Rigid,
+    /// The rest positions
+    Rest,
+}
+
+/// Why a mesh cannot be deformed
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum ArapError {
+    /// A triangle or constraint names a vertex that does not exist
+    #[error("vertex {vertex} does not exist: the mesh has {vertex_count}")]
+    MissingVertex {
+        /// The vertex
+        vertex: u32,
+        /// Vertices of the mesh
+        vertex_count: usize,
+    },
+    /// A vertex is constrained more than once
+    #[error("vertex {vertex} is constrained more than once")]
+    ConstrainedTwice {
+        /// The vertex
+        vertex: u32,
+    },
+    /// A coordinate is NaN or infinite
+    #[error("a coordinate is not a finite number")]
+    NotFinite,
+    /// Source and target points differ in number
+    #[error("{sources} source points but {targets} target points")]
+    UnequalCounts {
+        /// Number of source points
+        sources: usize,
+        /// Number of target points
+        targets: usize,
+    },
+    /// The mesh has no vertices to move
+    #[error("the mesh has no vertices")]
+    EmptyMesh,
+    /// The system of equations could not be factored: out of memory, or coordinates too large
+    #[error("the system of {size} equations could not be factored")]
+    Factorization {
+        /// Number of free vertices
+        size: usize,
+    },
+}
+
+/// One neighbor of a vertex
+#[derive(Debug, Clone, Copy)]
+struct Spoke {
+    to: u32,
+    weight: f64,
+    /// Rest position of the vertex minus that of the neighbor
+    rest: DVec2,
+}
+
+/// What happens to a vertex
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Role {
+    /// Row of the system
+    Free(u32),
+    /// Goes to its target
+    Constrained,
+    /// Belongs to a part without handles and stays
+    Idle,
+}
+
+/// A mesh prepared for deformation by a fixed choice of handles and anchors
+pub struct ArapSolver {
+    rest: Vec<DVec2>,
+    spokes: Vec<Spoke>,
+    /// Spokes of vertex `v` are `spokes[first_spoke[v]..first_spoke[v + 1]]`
+    first_spoke: Vec<usize>,
+    roles: Vec<Role>,
+    /// Connected part of each vertex
+    parts: Vec<u32>,
+    constrained: Vec<u32>,
+    free: Vec<u32>,
+    factor: Option<Cholesky>,
+}
+
+impl std::fmt::Debug for ArapSolver {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ArapSolver")
+            .field("vertex_count", &self.rest.len())
+            .field("constrained", &self.constrained.len())
+            .field("free", &self.free.len())
+            .finish_non_exhaustive()
+    }
+}
+
+/// A deformed mesh: same triangles as the rest mesh
+#[derive(Debug, Clone, PartialEq)]
+pub struct Deformation {
+    /// One point per vertex, in px
+    pub positions: Vec<DVec2>,
+    /// How the surroundings of each vertex turned: cosine and sine
+    pub rotations: Vec<DVec2>,
+    /// Rounds done
+    pub rounds: usize,
+    /// Whether the last round moved nothing by more than the tolerance
+    pub converged: bool,
+    /// The energy of the result, in square px
+    pub energy: f64,
+}
+
+impl ArapSolver {
+    /// Prepares the mesh and factors the system; `constrained` lists the vertices whose targets are given later
+    ///
+    /// Connected parts of the mesh without constrained vertices stay where they are. Degenerate triangles hold
+    /// together like equilateral ones.
+    ///
+    /// # Errors
+    /// When a vertex does not exist or is constrained twice, or a coordinate is not finite.
+    ///
+    /// # Source
+    /// Sorkine & Alexa 2007, "As-rigid-as-possible surface modeling", in the plane: energy over the spokes of each
+    /// vertex (eq. 3) with cotangent weights, not clamped (the system is positive definite all the same,
+    /// and the energy bounded, because the rotations are). The local step needs no singular values: a rotation
+    /// in the plane is one angle.
+    pub fn new(rest: &PlanarMesh, constrained: &[u32]) -> Result<Self, ArapError> {
+        let vertex_count = rest.positions.len();
+        let named = rest.triangles.iter().flatten().chain(constrained);
+        if let Some(&vertex) = named.into_iter().find(|&&v| v as usize >= vertex_count) {
+            return Err(ArapError::MissingVertex {
+                vertex,
+                vertex_count,
+            });
+        }
+        if !rest.positions.iter().all(|p| p.is_finite()) {
+            return Err(ArapError::NotFinite);
+        }
+        let (spokes, first_spoke) = spokes(rest);
+        let parts = connected_parts(&spokes, &first_spoke);
+
+        let mut roles = vec![Role::Idle; vertex_count];
+        let mut held = vec![false; vertex_count];
+        for &v in constrained {
+            if roles[v as usize] == Role::Constrained {
+                return Err(ArapError::ConstrainedTwice { vertex: v });
+            }
+            roles[v as usize] = Role::Constrained;
+            held[parts[v as usize] as usize] = true;
+        }
+        let mut free = Vec::new();
+        for (v, role) in roles.iter_mut().enumerate() {
+            if *role == Role::Idle && held[parts[v] as usize] {
+                *role = Role::Free(free.len() as u32);
+                free.push(v as u32);
+            }
+        }
+
+        let mut lower = Vec::with_capacity(free.len() * 5);
+        for (row, &v) in free.iter().enumerate() {
+            let star = &spokes[first_spoke[v as usize]..first_spoke[v as usize + 1]];
+            lower.push((row, row, star.iter().map(|s| s.weight).sum()));
+            for spoke in star {
+                if let Role::Free(column) = roles[spoke.to as usize]
+                    && (column as usize) < row
+                {
+                    lower.push((row, column as usize, -spoke.weight));
+                }
+            }
+        }
+        let factor = if free.is_empty() {
+            None
+        } else {
+            let factor = Cholesky::factor(free.len(), &lower);
+            Some(factor.ok_or(ArapError::Factorization { size: free.len() })?)
+        };
+        Ok(Self {
+            rest: rest.positions.clone(),
+            spokes,
+            first_spoke,
+            roles,
+            parts,
+            constrained: constrained.to_vec(),
+            free,
+            factor,
+        })
+    }
+
+    /// Moves the constrained vertices to `targets` (in px, same order) and lets the others follow
+    ///
+    /// # Panics
+    /// When there is not one target per constrained vertex.
+    pub fn deform(&self, targets: &[DVec2], options: &ArapOptions) -> Deformation {
+        assert_eq!(
+            targets.len(),
+            self.constrained.len(),
+            "one target per constrained vertex"
+        );
+        let mut positions = match options.start {
+            ArapStart::Rest => self.rest.clone(),
+            ArapStart::Rigid => self.start_rigid(targets),
+        };
+        for (&v, &target) in self.constrained.iter().zip(targets) {
+            positions[v as usize] = target;
+        }
+        let mut rotations = vec![DVec2::X; self.rest.len()];
+        let mut rounds = 0;
+        let mut converged = self.factor.is_none();
+        if let Some(factor) = &self.factor {
+            let mut workspace = factor.workspace();
+            let mut right = vec![DVec2::ZERO; self.free.len()];
+            while rounds < options.rounds && !converged {
+                self.fit_rotations(&positions, &mut rotations);
+                self.right_sides(&positions, &rotations, &mut right);
+                factor.solve_in_place(&mut right, &mut workspace);
+                let mut moved: f64 = 0.0;
+                for (&v, &p) in self.free.iter().zip(&right) {
+                    moved = moved.max(positions[v as usize].distance(p));
+                    positions[v as usize] = p;
+                }
+                rounds += 1;
+                converged = moved <= options.tolerance;
+            }
+        }
+        self.fit_rotations(&positions, &mut rotations);
+        Deformation {
+            energy: self.energy(&positions, &rotations),
+            positions,
+            rotations,
+            rounds,
+            converged,
+        }
+    }
+
+    fn star(&self, vertex: usize) -> &[Spoke] {
+        &self.spokes[self.first_spoke[vertex]..self.first_spoke[vertex + 1]]
+    }
+
+    /// The rotation of each star that fits the positions best; unchanged where any fits
+    fn fit_rotations(&self, positions: &[DVec2], rotations: &mut [DVec2]) {
+        for (v, rotation) in rotations.iter_mut().enumerate() {
+            let mut sum = DVec2::ZERO;
+            for spoke in self.star(v) {
+                let now = positions[v] - positions[spoke.to as usize];
+                sum += spoke.weight * DVec2::new(spoke.rest.dot(now), spoke.rest.perp_dot(now));
+            }
+            if let Some(unit) = sum.try_normalize() {
+                *rotation = unit;
+            }
+        }
+    }
+
+    fn right_sides(&self, positions: &[DVec2], rotations: &[DVec2], right: &mut [DVec2]) {
+        for (&v, right) in self.free.iter().zip(right) {
+            let v = v as usize;
+            *right = DVec2::ZERO;
+            for spoke in self.star(v) {
+                let to = spoke.to as usize;
+                let mean = (rotations[v] + rotations[to]) / 2.0;
+                *right += spoke.weight * mean.rotate(spoke.rest);
+                if self.roles[to] == Role::Constrained {
+                    *right += spoke.weight * positions[to];
+                }
+            }
+        }
+    }
+
+    fn energy(&self, positions: &[DVec2], rotations: &[DVec2]) -> f64 {
+        (0..self.rest.len())
+            .flat_map(|v| self.star(v).iter().map(move |spoke| (v, spoke)))
+            .map(|(v, spoke)| {
+                let now = positions[v] - positions[spoke.to as usize];
+                spoke.weight * (now - rotations[v].rotate(spoke.rest)).length_squared()
+            })
+            .sum()
+    }
+
+    /// Moves each part by the rigid motion that takes its constrained vertices nearest to their targets
+    fn start_rigid(&self, targets: &[DVec2]) -> Vec<DVec2> {
+        #[derive(Clone, Copy, Default)]
+        struct Fit {
+            count: f64,
+            rest: DVec2,
+            target: DVec2,
+            turn: DVec2,
+        }
+        let part_count = self.parts.iter().max().map_or(0, |&p| p as usize + 1);
+        let mut fits = vec![Fit::default(); part_count];
+        let handles = || {
+            self.constrained
+                .iter()
+                .zip(targets)
+                .map(|(&v, &target)| (self.parts[v as usize], self.rest[v as usize], target))
+        };
+        for (part, rest, target) in handles() {
+            let fit = &mut fits[part as usize];
+            fit.count += 1.0;
+            fit.rest += rest;
+            fit.target += target;
+        }
+        for fit in &mut fits {
+            let count = fit.count.max(1.0);
+            fit.rest /= count;
+            fit.target /= count;
+        }
+        for (part, rest, target) in handles() {
+            let fit = &mut fits[part as usize];
+            let (a, b) = (rest - fit.rest, target - fit.target);
+            fit.turn += DVec2::new(a.dot(b), a.perp_dot(b));
+        }
+        self.rest
+            .iter()
+            .zip(&self.parts)
+            .map(|(&p, &part)| {
+                let fit = fits[part as usize];
+                let turn = fit.turn.try_normalize().unwrap_or(DVec2::X);
+                fit.target + turn.rotate(p - fit.rest)
+            })
+            .collect()
+    }
+}
+
+/// Neighbors of all vertices with their cotangent weights
+fn spokes(mesh: &PlanarMesh) -> (Vec<Spoke>, Vec<usize>) {
+    let mut edges: Vec<(u32, u32, f64)> = Vec::with_capacity(mesh.triangles.len() * 6);
+    for &triangle in &mesh.triangles {
+        let cotangents = cotangents(triangle.map(|v| mesh.positions[v as usize]));
+        for k in 0..3 {
+            let (a, b) = (triangle[(k + 1) % 3], triangle[(k + 2) % 3]);
+            edges.push((a, b, cotangents[k] / 2.0));
+            edges.push((b, a, cotangents[k] / 2.0));
+        }
+    }
+    // stable, so that sums do not depend on the sorting algorithm
+    edges.sort_by_key(|&(a, b, _)| (a, b));
+    let mut spokes: Vec<Spoke> = Vec::with_capacity(edges.len() / 2 + 1);
+    let mut first_spoke = vec![0; mesh.positions.len() + 1];
+    for same in edges.chunk_by(|e, f| (e.0, e.1) == (f.0, f.1)) {
+        let (a, b, _) = same[0];
+        if a == b {
+            continue;
+        }
+        spokes.push(Spoke {
+            to: b,
+            weight: same.iter().map(|e| e.2).sum(),
+            rest: mesh.positions[a as usize] - mesh.positions[b as usize],
+        });
+        first_spoke[a as usize + 1] = spokes.len();
+    }
+    for v in 1..first_spoke.len() {
+        first_spoke[v] = first_spoke[v].max(first_spoke[v - 1]);
+    }
+    (spokes, first_spoke)
+}
+
+/// Cotangents of the three angles, whichever way the triangle is oriented
+fn cotangents(corners: [DVec2; 3]) -> [f64; 3] {
+    let [a, b, c] = corners;
+    let doubled_area = (b - a).perp_dot(c - a).abs();
+    let longest = (b - a)
+        .length_squared()
+        .max((c - b).length_squared())
+        .max((a - c).length_squared());
+    if doubled_area > FLATTEST * longest {
+        [
+            (b - a).dot(c - a) / doubled_area,
+            (c - b).dot(a - b) / doubled_area,
+            (a - c).dot(b - c) / doubled_area,
+        ]
+    } else {
+        [EQUILATERAL_COTANGENT; 3]
+    }
+}
+
+/// Number of the connected part of each vertex
+fn connected_parts(spokes: &[Spoke], first_spoke: &[usize]) -> Vec<u32> {
+    let vertex_count = first_spoke.len() - 1;
+    let mut parts: Vec<Option<u32>> = vec![None; vertex_count];
+    let mut next = 0;
+    for seed in 0..vertex_count {
+        if parts[seed].is_some() {
+            continue;
+        }
+        let mut open = vec![seed];
+        parts[seed] = Some(next);
+        while let Some(v) = open.pop() {
+            for spoke in &spokes[first_spoke[v]..first_spoke[v + 1]] {
+                let to = spoke.to as usize;
+                if parts[to].is_none() {
+                    parts[to] = Some(next);
+                    open.push(to);
+                }
+            }
+        }
+        next += 1;
+    }
+    parts.into_iter().map(|p| p.unwrap_or(0)).collect()
+}
+
+/// Deforms a mesh that lies in the xy plane: the vertices nearest to `sources` go to `targets`
+///
+/// z is kept as it is. Sources that share their nearest vertex pull it to the mean of their targets. Distances
+/// are those in the xy plane; units are the mesh's own.
+///
+/// # Errors
+/// When the numbers of points differ, the mesh is empty, or a coordinate is not finite.
+pub fn deform_points(
+    mesh: &TriMesh,
+    sources: &[DVec2],
+    targets: &[DVec2],
+    options: &ArapOptions,
+) -> Result<TriMesh, ArapError> {
+    if sources.len() != targets.len() {
+        return Err(ArapError::UnequalCounts {
+            sources: sources.len(),
+            targets: targets.len(),
+        });
+    }
+    if !sources.iter().chain(targets).all(|p| p.is_finite()) {
+        return Err(ArapError::NotFinite);
+    }
+    let rest = PlanarMesh {
+        positions: mesh.positions.iter().map(|p| p.truncate()).collect(),
+        triangles: mesh.triangles.clone(),
+    };
+    let mut handles: Vec<(u32, DVec2)> = Vec::with_capacity(sources.len());
+    for (&source, &target) in sources.iter().zip(targets) {
+        let nearest = (0..rest.positions.len())
+            .min_by(|&a, &b| {
+                let distance = |v: usize| rest.positions[v].distance_squared(source);
+                distance(a).total_cmp(&distance(b))
+            })
+            .ok_or(ArapError::EmptyMesh)?;
+        handles.push((nearest as u32, target));
+    }
+    handles.sort_by_key(|&(v, _)| v);
+    let (constrained, targets): (Vec<u32>, Vec<DVec2>) = handles
+        .chunk_by(|a, b| a.0 == b.0)
+        .map(|same| {
+            let sum: DVec2 = same.iter().map(|h| h.1).sum();
+            (same[0].0, sum / same.len() as f64)
+        })
+        .unzip();
+    let deformation = ArapSolver::new(&rest, &constrained)?.deform(&targets, options);
+    let positions = deformation
+        .positions
+        .iter()
+        .zip(&mesh.positions)
+        .map(|(p, rest)| DVec3::new(p.x, p.y, rest.z))
+        .collect();
+    Ok(TriMesh {
+        positions,
+        triangles: mesh.triangles.clone(),
+    })
+}
+
+#[cfg(test)]
+mod tests;

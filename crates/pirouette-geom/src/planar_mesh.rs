@@ -1,1 +1,0 @@
-//! Constrained Delaunay meshes of contours.

@@ -1,0 +1,407 @@
+//! Arrangement of closed polylines: edges that meet only at their ends, with winding numbers.
+//!
+//! Real contours touch themselves, run back and forth over one-pixel bridges, and cross themselves once they
+//! are simplified. A constrained triangulation needs edges that do none of that. All coordinates are whole
+//! multiples of [`GRID_PX`], so every test here is exact; crossings are rounded to that grid, which
+//! may let an edge run into a neighbor, so the search repeats until nothing is left to split (iterated
+//! snap rounding, Halperin & Packer 2002).
+
+use std::collections::{HashMap, HashSet};
+
+use glam::DVec2;
+
+/// Grid steps per pixel
+///
+/// A thousandth of a pixel is far below what any contour knows; coarser grids move corners visibly, finer ones leave
+/// less room for exact products of coordinates.
+const STEPS_PER_PX: f64 = 1024.0;
+
+/// Spacing of the grid that coordinates are rounded to, in px
+pub(crate) const GRID_PX: f64 = 1.0 / STEPS_PER_PX;
+
+/// Coordinates beyond this many px would overflow the exact products of grid coordinates
+pub(crate) const MAX_COORDINATE_PX: f64 = 131_072.0;
+
+/// Rounds of splitting before the rest is left as it is
+///
+/// One or two are the rule; noise with thousands of self-crossings took four.
+const MAX_ROUNDS: usize = 32;
+
+/// A point on the grid
+pub(crate) type GridPoint = [i64; 2];
+
+/// Rounds to the grid; the point must be finite and within [`MAX_COORDINATE_PX`]
+pub(crate) fn to_grid(p: DVec2) -> GridPoint {
+    [
+        (p.x * STEPS_PER_PX).round() as i64,
+        (p.y * STEPS_PER_PX).round() as i64,
+    ]
+}
+
+/// Exact position of a grid point, in px
+pub(crate) fn from_grid(p: GridPoint) -> DVec2 {
+    DVec2::new(p[0] as f64, p[1] as f64) / STEPS_PER_PX
+}
+
+/// An edge of the arrangement
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ArrangedEdge {
+    /// Smaller vertex
+    pub(crate) from: u32,
+    /// Larger vertex
+    pub(crate) to: u32,
+    /// How much larger the winding number is on the side of positive orientation (left, were y up) of `from -> to`
+    pub(crate) winding: i32,
+}
+
+/// Edges that meet only at their ends
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Arrangement {
+    /// Distinct grid points; some may be on no edge
+    pub(crate) points: Vec<GridPoint>,
+    /// Distinct edges whose two sides differ in winding number
+    pub(crate) edges: Vec<ArrangedEdge>,
+    /// For each loop, for each of its points: the index in `points`
+    pub(crate) loop_points: Vec<Vec<u32>>,
+}
+
+/// Arranges closed loops of finite points
+pub(crate) fn arrange<'a>(loops: impl Iterator<Item = &'a [DVec2]>) -> Arrangement {
+    let mut points = Points::default();
+    let loop_points: Vec<Vec<u32>> = loops
+        .map(|l| l.iter().map(|&p| points.insert(to_grid(p))).collect())
+        .collect();
+    let mut edges: Vec<[u32; 2]> = Vec::new();
+    for vertices in &loop_points {
+        let next = vertices.iter().cycle().skip(1);
+        edges.extend(vertices.iter().zip(next).map(|(&a, &b)| [a, b]));
+    }
+    let mut edges = merge(&edges.iter().map(|&[a, b]| (a, b, 1)).collect::<Vec<_>>());
+    for _ in 0..MAX_ROUNDS {
+        let Some(split) = split_once(&mut points, &edges) else {
+            break;
+        };
+        edges = merge(&split);
+    }
+    Arrangement {
+        points: points.list,
+        edges,
+        loop_points,
+    }
+}
+
+impl Arrangement {
+    /// Winding number of the loops around a point that lies on no edge
+    pub(crate) fn winding_at(&self, p: DVec2) -> i32 {
+        let mut winding = 0;
+        for edge in &self.edges {
+            let (a, b) = self.ends(edge);
+            if (a.y <= p.y) != (b.y <= p.y) && crossing_x(a, b, p.y) > p.x {
+                // the ray to +x leaves through an edge that runs down the screen from its inner side
+                winding += if a.y < b.y {
+                    edge.winding
+                } else {
+                    -edge.winding
+                };
+            }
+        }
+        winding
+    }
+
+    /// Where the horizontal line at `y` enters (true) and leaves (false) nonzero winding, sorted by x
+    pub(crate) fn inside_spans(&self, y: f64) -> Vec<(f64, f64)> {
+        let mut crossings: Vec<(f64, i32)> = self
+            .edges
+            .iter()
+            .filter_map(|edge| {
+                let (a, b) = self.ends(edge);
+                let crosses = (a.y <= y) != (b.y <= y);
+                crosses.then(|| {
+                    let step = if a.y < b.y {
+                        -edge.winding
+                    } else {
+                        edge.winding
+                    };
+                    (crossing_x(a, b, y), step)
+                })
+            })
+            .collect();
+        crossings.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut spans = Vec::new();
+        let (mut winding, mut start) = (0, 0.0);
+        for (x, step) in crossings {
+            if winding == 0 {
+                start = x;
+            }
+            winding += step;
+            if winding == 0 && x > start {
+                spans.push((start, x));
+            }
+        }
+        spans
+    }
+
+    /// The ends of an edge, in px
+    pub(crate) fn ends(&self, edge: &ArrangedEdge) -> (DVec2, DVec2) {
+        (
+            from_grid(self.points[edge.from as usize]),
+            from_grid(self.points[edge.to as usize]),
+        )
+    }
+
+    /// Splits every edge into equal parts no longer than `max_length` px
+    ///
+    /// The new points are rounded to the grid; pieces of a crooked edge stay within one grid step of it.
+    pub(crate) fn subdivide(&mut self, max_length: f64) {
+        let mut points = Points::from_list(std::mem::take(&mut self.points));
+        let mut parts: Vec<(u32, u32, i32)> = Vec::with_capacity(self.edges.len());
+        for edge in &self.edges {
+            let a = from_grid(points.list[edge.from as usize]);
+            let b = from_grid(points.list[edge.to as usize]);
+            let count = (a.distance(b) / max_length).ceil().max(1.0) as usize;
+            let mut last = edge.from;
+            for i in 1..count {
+                let p = a.lerp(b, i as f64 / count as f64);
+                let next = points.insert(to_grid(p));
+                parts.push((last, next, edge.winding));
+                last = next;
+            }
+            parts.push((last, edge.to, edge.winding));
+        }
+        self.edges = merge(&parts);
+        for _ in 0..MAX_ROUNDS {
+            let Some(split) = split_once(&mut points, &self.edges) else {
+                break;
+            };
+            self.edges = merge(&split);
+        }
+        self.points = points.list;
+    }
+}
+
+/// Distinct points in order of first appearance
+#[derive(Debug, Default)]
+struct Points {
+    list: Vec<GridPoint>,
+    index: HashMap<GridPoint, u32>,
+}
+
+impl Points {
+    fn from_list(list: Vec<GridPoint>) -> Self {
+        let index = list
+            .iter()
+            .enumerate()
+            .map(|(i, &p)| (p, i as u32))
+            .collect();
+        Self { list, index }
+    }
+
+    fn insert(&mut self, p: GridPoint) -> u32 {
+        *self.index.entry(p).or_insert_with(|| {
+            self.list.push(p);
+            self.list.len() as u32 - 1
+        })
+    }
+}
+
+/// Merges equal directed edges `(from, to, winding)`
+///
+/// Drops those from a point to itself and those walked back and forth, which enclose nothing.
+fn merge(directed: &[(u32, u32, i32)]) -> Vec<ArrangedEdge> {
+    let mut edges: Vec<ArrangedEdge> = directed
+        .iter()
+        .filter(|(a, b, _)| a != b)
+        .map(|&(a, b, winding)| ArrangedEdge {
+            from: a.min(b),
+            to: a.max(b),
+            winding: if a < b { winding } else { -winding },
+        })
+        .collect();
+    edges.sort_by_key(|e| (e.from, e.to));
+    edges.dedup_by(|next, kept| {
+        let same = (next.from, next.to) == (kept.from, kept.to);
+        if same {
+            kept.winding += next.winding;
+        }
+        same
+    });
+    edges.retain(|e| e.winding != 0);
+    edges
+}
+
+/// Splits all edges where others touch or cross them; `None` when nothing does
+fn split_once(points: &mut Points, edges: &[ArrangedEdge]) -> Option<Vec<(u32, u32, i32)>> {
+    let mut cuts: Vec<Vec<u32>> = vec![Vec::new(); edges.len()];
+    let mut found = false;
+    let mut seen: HashSet<(usize, u32)> = HashSet::new();
+    let mut cut = |edge: usize, vertex: u32, cuts: &mut Vec<Vec<u32>>| {
+        if vertex != edges[edge].from && vertex != edges[edge].to && seen.insert((edge, vertex)) {
+            cuts[edge].push(vertex);
+            found = true;
+        }
+    };
+    for (i, j) in overlapping_boxes(points, edges) {
+        let (e, f) = (edges[i], edges[j]);
+        let ([a, b], [c, d]) = (
+            [e.from, e.to].map(|v| points.list[v as usize]),
+            [f.from, f.to].map(|v| points.list[v as usize]),
+        );
+        let (oc, od) = (orientation(a, b, c), orientation(a, b, d));
+        let (oa, ob) = (orientation(c, d, a), orientation(c, d, b));
+        if oc.signum() * od.signum() < 0 && oa.signum() * ob.signum() < 0 {
+            let t = oa as f64 / (oa as f64 - ob as f64);
+            let p = [0, 1].map(|k| (a[k] as f64 + t * (b[k] - a[k]) as f64).round() as i64);
+            let vertex = points.insert(p);
+            cut(i, vertex, &mut cuts);
+            cut(j, vertex, &mut cuts);
+        } else {
+            if oc == 0 && between(a, b, c) {
+                cut(i, f.from, &mut cuts);
+            }
+            if od == 0 && between(a, b, d) {
+                cut(i, f.to, &mut cuts);
+            }
+            if oa == 0 && between(c, d, a) {
+                cut(j, e.from, &mut cuts);
+            }
+            if ob == 0 && between(c, d, b) {
+                cut(j, e.to, &mut cuts);
+            }
+        }
+    }
+    if !found {
+        return None;
+    }
+    let mut parts = Vec::with_capacity(edges.len() * 2);
+    for (edge, mut vertices) in edges.iter().zip(cuts) {
+        let a = points.list[edge.from as usize];
+        let b = points.list[edge.to as usize];
+        let along = |v: &u32| {
+            let p = points.list[*v as usize];
+            (p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1])
+        };
+        vertices.sort_by_key(along);
+        let mut last = edge.from;
+        for v in vertices.into_iter().chain([edge.to]) {
+            parts.push((last, v, edge.winding));
+            last = v;
+        }
+    }
+    Some(parts)
+}
+
+/// Pairs of edges whose bounding boxes overlap, by a sweep down the screen
+fn overlapping_boxes(points: &Points, edges: &[ArrangedEdge]) -> Vec<(usize, usize)> {
+    struct Bounds {
+        edge: usize,
+        low: GridPoint,
+        high: GridPoint,
+    }
+    let mut boxes: Vec<Bounds> = edges
+        .iter()
+        .enumerate()
+        .map(|(edge, e)| {
+            let (a, b) = (points.list[e.from as usize], points.list[e.to as usize]);
+            Bounds {
+                edge,
+                low: [a[0].min(b[0]), a[1].min(b[1])],
+                high: [a[0].max(b[0]), a[1].max(b[1])],
+            }
+        })
+        .collect();
+    boxes.sort_by_key(|b| b.low[1]);
+    let mut pairs = Vec::new();
+    let mut active: Vec<&Bounds> = Vec::new();
+    for current in &boxes {
+        active.retain(|other| other.high[1] >= current.low[1]);
+        for other in &active {
+            if other.high[0] >= current.low[0] && current.high[0] >= other.low[0] {
+                pairs.push((other.edge, current.edge));
+            }
+        }
+        active.push(current);
+    }
+    pairs
+}
+
+/// Twice the signed area of a triangle, exact; positive when its signed area is
+fn orientation(a: GridPoint, b: GridPoint, c: GridPoint) -> i64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+/// Whether a point on the line through `a` and `b` lies strictly between them
+fn between(a: GridPoint, b: GridPoint, p: GridPoint) -> bool {
+    let dot = (p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1]);
+    let length = (b[0] - a[0]).pow(2) + (b[1] - a[1]).pow(2);
+    dot > 0 && dot < length
+}
+
+/// Where the line from `a` to `b` meets the horizontal at `y`
+fn crossing_x(a: DVec2, b: DVec2, y: f64) -> f64 {
+    a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn loop_of(points: &[[f64; 2]]) -> Vec<DVec2> {
+        points.iter().map(|&p| DVec2::from_array(p)).collect()
+    }
+
+    fn arranged(loops: &[Vec<DVec2>]) -> Arrangement {
+        arrange(loops.iter().map(Vec::as_slice))
+    }
+
+    #[test]
+    fn a_bow_tie_is_split_at_its_crossing() {
+        let bow = loop_of(&[[0.0, 0.0], [2.0, 2.0], [2.0, 0.0], [0.0, 2.0]]);
+        let arrangement = arranged(&[bow]);
+        assert_eq!(arrangement.points.len(), 5);
+        assert_eq!(arrangement.edges.len(), 6);
+        let left = arrangement.winding_at(DVec2::new(0.5, 1.0));
+        let right = arrangement.winding_at(DVec2::new(1.5, 1.0));
+        assert_eq!((left, right), (1, -1));
+    }
+
+    #[test]
+    fn a_bridge_walked_back_and_forth_disappears() {
+        let flag = loop_of(&[
+            [0.0, 0.0],
+            [4.0, 0.0],
+            [4.0, 4.0],
+            [2.0, 4.0],
+            [2.0, 9.0],
+            [2.0, 4.0],
+            [0.0, 4.0],
+        ]);
+        let arrangement = arranged(&[flag]);
+        assert_eq!(arrangement.edges.len(), 5);
+        assert_eq!(arrangement.winding_at(DVec2::new(1.0, 1.0)), 1);
+        assert_eq!(arrangement.winding_at(DVec2::new(2.5, 6.0)), 0);
+        assert_eq!(arrangement.inside_spans(2.0), [(0.0, 4.0)]);
+    }
+
+    #[test]
+    fn overlapping_edges_are_split_at_each_others_ends() {
+        let a = loop_of(&[[0.0, 0.0], [6.0, 0.0], [6.0, 2.0], [0.0, 2.0]]);
+        let b = loop_of(&[[1.0, 2.0], [4.0, 2.0], [4.0, 3.0], [1.0, 3.0]]);
+        let arrangement = arranged(&[a, b]);
+        // the shared stretch cancels: it is walked once each way
+        assert_eq!(arrangement.edges.len(), 8);
+        assert_eq!(arrangement.inside_spans(2.5), [(1.0, 4.0)]);
+    }
+
+    #[test]
+    fn subdividing_keeps_the_inside() {
+        let mut square = arranged(&[loop_of(&[
+            [0.0, 0.0],
+            [10.0, 0.0],
+            [10.0, 10.0],
+            [0.0, 10.0],
+        ])]);
+        square.subdivide(3.0);
+        assert_eq!(square.edges.len(), 16);
+        assert_eq!(square.inside_spans(5.0), [(0.0, 10.0)]);
+    }
+}

@@ -1,0 +1,460 @@
+//! Planar triangle meshes of silhouettes: constrained Delaunay triangulation of contours with holes.
+//!
+//! Any finite input gives a mesh of what the contours enclose: contours may touch or cross themselves and each
+//! other, run back and forth over one-pixel bridges, or repeat points. Inside is where the winding number is
+//! not zero, as in [`crate::coverage::fill_edges`]. Only input that encloses nothing is refused.
+//!
+//! Coordinates are rounded to 1/1024 px, which makes all decisions about crossings exact. Triangle angles are
+//! not bounded: beside short contour edges triangles are as thin as the contour asks for.
+
+mod arrange;
+mod near;
+
+use std::collections::HashMap;
+
+use glam::DVec2;
+use spade::handles::FixedFaceHandle;
+use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
+
+use crate::contour::Contour;
+use arrange::{Arrangement, from_grid, to_grid};
+use near::SegmentIndex;
+
+/// A triangle mesh in the plane
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PlanarMesh {
+    /// One point per vertex, in px
+    pub positions: Vec<DVec2>,
+    /// Three vertices per triangle; signed areas are positive, as those of outer contours
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// How densely to fill the inside of the contours
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TriangulateOptions {
+    /// Aim for triangles of at most this area, in square px, by evenly spaced further points; smaller bends more
+    /// smoothly and costs time; `None` adds no points
+    ///
+    /// Long contour edges are split to match. Single triangles may be up to twice as large.
+    pub max_area: Option<f64>,
+    /// Interior points nearer than this to a contour count as outside, and nearer than this to one another share
+    /// a vertex, in px
+    pub clearance: f64,
+}
+
+impl Default for TriangulateOptions {
+    /// 250 square px: finer and coarser meshes deform silhouettes 800 px high alike
+    fn default() -> Self {
+        Self {
+            max_area: Some(250.0),
+            clearance: 1.0,
+        }
+    }
+}
+
+/// A mesh and what became of the points it was made from
+#[derive(Debug, Clone)]
+pub struct PlanarTriangulation {
+    /// The mesh
+    pub mesh: PlanarMesh,
+    /// For each contour, for each of its points: its vertex; `None` where the contour encloses nothing (on bridges)
+    pub contour_vertices: Vec<Vec<Option<u32>>>,
+    /// For each interior point: its vertex; `None` when it lies outside or on a contour
+    pub interior_vertices: Vec<Option<u32>>,
+}
+
+/// Why there is no mesh
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum TriangulateError {
+    /// A coordinate is NaN, infinite or absurdly large
+    #[error(
+        "coordinate ({x}, {y}) px is not a number or exceeds {} px",
+        arrange::MAX_COORDINATE_PX
+    )]
+    BadCoordinate {
+        /// x in px
+        x: f64,
+        /// y in px
+        y: f64,
+    },
+    /// The contours have no inside
+    #[error("the contours enclose no area")]
+    NoArea,
+}
+
+/// More fill points than this are spaced wider
+///
+/// Bounds memory when a huge contour meets a small area; a silhouette takes about a thousand.
+const MAX_FILL_POINTS: f64 = 500_000.0;
+
+/// Triangulates what closed contours enclose, with further vertices inside
+///
+/// Outer contours have positive signed area and holes negative, else holes count as filled.
+///
+/// # Errors
+/// When a coordinate is not finite or beyond 131072 px, or the contours enclose no area.
+///
+/// # Source
+/// Constrained Delaunay triangulation: Chew 1989; the triangulation itself is the crate `spade`.
+pub fn triangulate(
+    contours: &[Contour],
+    interior: &[DVec2],
+    options: &TriangulateOptions,
+) -> Result<PlanarTriangulation, TriangulateError> {
+    let all_points = contours.iter().flat_map(|c| &c.points).chain(interior);
+    for &DVec2 { x, y } in all_points {
+        // written so that NaN fails
+        if !(x.abs() <= arrange::MAX_COORDINATE_PX && y.abs() <= arrange::MAX_COORDINATE_PX) {
+            return Err(TriangulateError::BadCoordinate { x, y });
+        }
+    }
+    let mut arrangement = arrange::arrange(contours.iter().map(|c| c.points.as_slice()));
+    let (low, high) = bounds(&arrangement).ok_or(TriangulateError::NoArea)?;
+    let spacing = options
+        .max_area
+        .filter(|&area| area > 0.0)
+        .map(|area| fill_spacing(area, high - low));
+    if let Some(spacing) = spacing {
+        arrangement.subdivide(spacing);
+    }
+
+    let mut vertices = Vertices::on_edges(&arrangement);
+    let radius = spacing.unwrap_or(0.0).max(options.clearance);
+    let mut walls = SegmentIndex::new(low, high, radius);
+    for edge in &arrangement.edges {
+        let (a, b) = arrangement.ends(edge);
+        walls.insert(a, b);
+    }
+    let interior_of: Vec<Option<u32>> =
+        place_interior(&arrangement, &walls, interior, options, &mut vertices);
+    if let Some(spacing) = spacing {
+        for &p in &vertices.positions[vertices.contour_count..] {
+            walls.insert(p, p);
+        }
+        fill(&arrangement, &walls, low, high, spacing, &mut vertices);
+    }
+
+    let triangles = inner_triangles(&arrangement, &vertices);
+    if triangles.is_empty() {
+        return Err(TriangulateError::NoArea);
+    }
+    let contour_of = arrangement.loop_points.iter().map(|points| {
+        points
+            .iter()
+            .map(|&p| vertices.of_point[p as usize])
+            .collect()
+    });
+    Ok(compact(
+        &vertices.positions,
+        triangles,
+        contour_of.collect(),
+        &interior_of,
+    ))
+}
+
+/// Vertices before triangulation: first those on contours, then interior ones
+struct Vertices {
+    positions: Vec<DVec2>,
+    contour_count: usize,
+    /// For each point of the arrangement its vertex, if it is on an edge
+    of_point: Vec<Option<u32>>,
+}
+
+impl Vertices {
+    fn on_edges(arrangement: &Arrangement) -> Self {
+        let mut of_point = vec![None; arrangement.points.len()];
+        let mut positions = Vec::new();
+        for edge in &arrangement.edges {
+            for p in [edge.from, edge.to] {
+                of_point[p as usize].get_or_insert_with(|| {
+                    positions.push(from_grid(arrangement.points[p as usize]));
+                    positions.len() as u32 - 1
+                });
+            }
+        }
+        Self {
+            contour_count: positions.len(),
+            positions,
+            of_point,
+        }
+    }
+}
+
+fn bounds(arrangement: &Arrangement) -> Option<(DVec2, DVec2)> {
+    let mut points = arrangement.edges.iter().flat_map(|edge| {
+        let (a, b) = arrangement.ends(edge);
+        [a, b]
+    });
+    let first = points.next()?;
+    Some(points.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p))))
+}
+
+/// Side of the equilateral triangles that fill the inside
+fn fill_spacing(max_area: f64, size: DVec2) -> f64 {
+    // Half the area, because triangles between the even fill and the contour come out larger.
+    let area = (max_area / 2.0).max(size.x * size.y / MAX_FILL_POINTS);
+    let side = (4.0 * area / 3.0_f64.sqrt()).sqrt();
+    side.max(size.max_element() / MAX_FILL_POINTS)
+        .max(4.0 * arrange::GRID_PX)
+}
+
+/// Adds the given interior points that lie inside; equal and near ones share a vertex
+fn place_interior(
+    arrangement: &Arrangement,
+    walls: &SegmentIndex,
+    interior: &[DVec2],
+    options: &TriangulateOptions,
+    vertices: &mut Vertices,
+) -> Vec<Option<u32>> {
+    // below one grid step, distinct points could round onto an edge
+    let clearance = options.clearance.max(2.0 * arrange::GRID_PX);
+    let place = |&given: &DVec2| {
+        let p = from_grid(to_grid(given));
+        if arrangement.winding_at(p) == 0 || walls.any_within(p, clearance) {
+            return None;
+        }
+        let earlier = &vertices.positions[vertices.contour_count..];
+        let near = earlier.iter().position(|q| q.distance(p) < clearance);
+        Some(match near {
+            Some(i) => (vertices.contour_count + i) as u32,
+            None => {
+                vertices.positions.push(p);
+                vertices.positions.len() as u32 - 1
+            }
+        })
+    };
+    interior.iter().map(place).collect()
+}
+
+/// Adds evenly spaced points in the corners of equilateral triangles, clear of what is there
+fn fill(
+    arrangement: &Arrangement,
+    walls: &SegmentIndex,
+    low: DVec2,
+    high: DVec2,
+    spacing: f64,
+    vertices: &mut Vertices,
+) {
+    // Nearer to a contour than this the triangles get thin, farther they get large.
+    let clearance = 0.6 * spacing;
+    let row_height = spacing * 3.0_f64.sqrt() / 2.0;
+    let rows = ((high.y - low.y) / row_height) as usize;
+    for row in 0..=rows {
+        let y = low.y + (row as f64 + 0.5) * row_height;
+        let offset = low.x + spacing * if row % 2 == 0 { 0.25 } else { 0.75 };
+        for (x0, x1) in arrangement.inside_spans(y) {
+            let first = ((x0 - offset) / spacing).ceil() as i64;
+            let last = ((x1 - offset) / spacing).floor() as i64;
+            for i in first..=last {
+                let p = from_grid(to_grid(DVec2::new(offset + i as f64 * spacing, y)));
+                if !walls.any_within(p, clearance) {
+                    vertices.positions.push(p);
+                }
+            }
+        }
+    }
+}
+
+/// Triangulates and keeps the triangles where the winding number is not zero
+fn inner_triangles(arrangement: &Arrangement, vertices: &Vertices) -> Vec<[u32; 3]> {
+    let points = vertices.positions.iter().map(|p| Point2::new(p.x, p.y));
+    let mut windings: HashMap<(usize, usize), i32> = HashMap::new();
+    let mut constraints = Vec::with_capacity(arrangement.edges.len());
+    for edge in &arrangement.edges {
+        let [Some(a), Some(b)] =
+            [edge.from, edge.to].map(|p| vertices.of_point[p as usize].map(|v| v as usize))
+        else {
+            continue;
+        };
+        constraints.push([a, b]);
+        windings.insert((a, b), edge.winding);
+    }
+    // The arrangement leaves no conflicts and the coordinates are bounded, so neither the callback nor the
+    // error occurs; an empty mesh is the honest answer should it ever.
+    let triangulation = ConstrainedDelaunayTriangulation::<Point2<f64>>::try_bulk_load_cdt(
+        points.collect(),
+        constraints,
+        |_| {},
+    );
+    let Ok(triangulation) = triangulation else {
+        return Vec::new();
+    };
+    debug_assert_eq!(triangulation.num_vertices(), vertices.positions.len());
+
+    // Flood over the faces from outside; crossing a contour edge changes the winding number.
+    let outside = triangulation.outer_face().fix();
+    let mut winding_of: Vec<Option<i32>> = vec![None; triangulation.num_all_faces()];
+    winding_of[outside.index()] = Some(0);
+    let mut open: Vec<(FixedFaceHandle<_>, i32)> = vec![(outside, 0)];
+    let edges_of_outside: Vec<_> = triangulation.convex_hull().map(|edge| edge.fix()).collect();
+    while let Some((face, winding)) = open.pop() {
+        let inner = triangulation.face(face).as_inner();
+        let edges: Vec<_> = match inner {
+            Some(inner) => inner.adjacent_edges().iter().map(|e| e.fix()).collect(),
+            None => edges_of_outside.clone(),
+        };
+        for edge in edges {
+            let edge = triangulation.directed_edge(edge);
+            // whichever way the hull is walked, the neighbor is the side that is not this face
+            let (edge, neighbor) = if edge.face().fix() == face {
+                (edge, edge.rev().face().fix())
+            } else {
+                (edge.rev(), edge.face().fix())
+            };
+            let (a, b) = (edge.from().fix().index(), edge.to().fix().index());
+            // `face` is left of a -> b
+            let step = match (windings.get(&(a, b)), windings.get(&(b, a))) {
+                (Some(w), _) => -w,
+                (None, Some(w)) => *w,
+                (None, None) => 0,
+            };
+            let slot = &mut winding_of[neighbor.index()];
+            if slot.is_none() {
+                *slot = Some(winding + step);
+                open.push((neighbor, winding + step));
+            }
+        }
+    }
+    triangulation
+        .inner_faces()
+        .filter(|face| winding_of[face.fix().index()].is_some_and(|w| w != 0))
+        .map(|face| face.vertices().map(|v| v.fix().index() as u32))
+        .collect()
+}
+
+/// Drops vertices without triangles
+fn compact(
+    positions: &[DVec2],
+    mut triangles: Vec<[u32; 3]>,
+    contour_of: Vec<Vec<Option<u32>>>,
+    interior_of: &[Option<u32>],
+) -> PlanarTriangulation {
+    let mut renumbered: Vec<Option<u32>> = vec![None; positions.len()];
+    for &v in triangles.iter().flatten() {
+        renumbered[v as usize] = Some(0);
+    }
+    let mut kept = Vec::new();
+    for (slot, &p) in renumbered.iter_mut().zip(positions) {
+        if slot.is_some() {
+            *slot = Some(kept.len() as u32);
+            kept.push(p);
+        }
+    }
+    let new = |v: Option<u32>| v.and_then(|v| renumbered[v as usize]);
+    for v in triangles.iter_mut().flatten() {
+        *v = renumbered[*v as usize].unwrap_or(0);
+    }
+    PlanarTriangulation {
+        mesh: PlanarMesh {
+            positions: kept,
+            triangles,
+        },
+        contour_vertices: contour_of
+            .into_iter()
+            .map(|vertices| vertices.into_iter().map(new).collect())
+            .collect(),
+        interior_vertices: interior_of.iter().map(|&v| new(v)).collect(),
+    }
+}
+
+/// What is wrong with a planar mesh
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum PlanarMeshFault {
+    /// A triangle refers to a vertex that does not exist
+    #[error("triangle {triangle} refers to a missing vertex")]
+    MissingVertex {
+        /// The triangle
+        triangle: usize,
+    },
+    /// A triangle has no or negative area
+    #[error("triangle {triangle} has no positive area")]
+    NotPositive {
+        /// The triangle
+        triangle: usize,
+    },
+    /// Two triangles use an edge in the same direction
+    #[error("the edge from vertex {from} to {to} is used twice in this direction")]
+    EdgeUsedTwice {
+        /// Where the edge starts
+        from: u32,
+        /// Where it ends
+        to: u32,
+    },
+    /// A vertex belongs to no triangle
+    #[error("vertex {vertex} belongs to no triangle")]
+    LooseVertex {
+        /// The vertex
+        vertex: usize,
+    },
+}
+
+impl PlanarMesh {
+    /// Signed area of one triangle, in square px
+    ///
+    /// # Panics
+    /// When the triangle or one of its vertices does not exist.
+    pub fn triangle_area(&self, triangle: usize) -> f64 {
+        let [a, b, c] = self.triangles[triangle].map(|v| self.positions[v as usize]);
+        (b - a).perp_dot(c - a) / 2.0
+    }
+
+    /// Sum of the signed areas of all triangles, in square px
+    pub fn area(&self) -> f64 {
+        (0..self.triangles.len())
+            .map(|t| self.triangle_area(t))
+            .sum()
+    }
+
+    /// Edges with a triangle on one side only, directed as in that triangle: around outer contours with positive
+    /// signed area, around holes with negative
+    pub fn boundary_edges(&self) -> Vec<[u32; 2]> {
+        let mut edges = self.directed_edges();
+        edges.sort_unstable_by_key(|&[a, b]| (a.min(b), a.max(b)));
+        edges
+            .chunk_by(|[a, b], [c, d]| (a.min(b), a.max(b)) == (c.min(d), c.max(d)))
+            .filter(|users| users.len() == 1)
+            .map(|users| users[0])
+            .collect()
+    }
+
+    /// Checks that all triangles have positive area, edges are manifold and vertices in use
+    ///
+    /// Contours that touch in a point make a vertex where several fans of triangles meet; that is no fault.
+    ///
+    /// # Errors
+    /// The first fault found.
+    pub fn check(&self) -> Result<(), PlanarMeshFault> {
+        let mut used = vec![false; self.positions.len()];
+        for (triangle, corners) in self.triangles.iter().enumerate() {
+            for &v in corners {
+                let Some(slot) = used.get_mut(v as usize) else {
+                    return Err(PlanarMeshFault::MissingVertex { triangle });
+                };
+                *slot = true;
+            }
+            if self.triangle_area(triangle) <= 0.0 || self.triangle_area(triangle).is_nan() {
+                return Err(PlanarMeshFault::NotPositive { triangle });
+            }
+        }
+        let mut edges = self.directed_edges();
+        edges.sort_unstable();
+        if let Some(pair) = edges.windows(2).find(|pair| pair[0] == pair[1]) {
+            let [from, to] = pair[0];
+            return Err(PlanarMeshFault::EdgeUsedTwice { from, to });
+        }
+        match used.iter().position(|&u| !u) {
+            Some(vertex) => Err(PlanarMeshFault::LooseVertex { vertex }),
+            None => Ok(()),
+        }
+    }
+
+    fn directed_edges(&self) -> Vec<[u32; 2]> {
+        self.triangles
+            .iter()
+            .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;
