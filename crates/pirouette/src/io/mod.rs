@@ -7,4 +7,5 @@ pub mod atomic;
 pub mod manifest;
 pub mod openpose;
 pub mod photo;
+pub mod points;
 pub mod scan_folder;
