@@ -1,1 +1,756 @@
 //! Surface extraction from a scalar field on an adaptive grid.
+//!
+//! The field is negative inside and positive outside. Coarse blocks of cells are refined only where the
+//! surface can be, which a bound on the slope of the field tells; the finest cells are cut by marching
+//! cubes (Lorensen and Cline 1987) with cases that only look at what neighbor cells share.
+//!
+//! Whatever the field, the mesh is closed, manifold in edges and vertices, and oriented outward: the surface
+//! is followed into every cell that it enters, even where the bound was wrong. A wrong bound can only
+//! lose separate pieces. Features thinner than a cell can be lost, sharp edges are chamfered.
+
+mod cube_cases;
+
+use std::collections::{BTreeMap, HashMap};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::tri_mesh::TriMesh;
+use cube_cases::{CASES, EDGE_COUNT, lower_corner};
+
+/// Where and how finely to look for the surface
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfaceOptions {
+    /// Corner of the box with the smallest coordinates; the grid starts here
+    pub lo: DVec3,
+    /// Corner of the box with the largest coordinates; the grid reaches there or up to one cell further
+    ///
+    /// A solid that reaches the border of the grid is closed there, within the outermost cells.
+    pub hi: DVec3,
+    /// Edge length of the finest cells; halving it costs four times the work and the triangles
+    pub cell_size: f64,
+    /// Upper bound of the field's change per length; 1 for a distance in the unit of the box
+    ///
+    /// Larger values search more blocks for separate pieces.
+    pub lipschitz: f64,
+    /// Field evaluations that refine each vertex along its grid edge, beyond linear interpolation
+    pub secant_steps: usize,
+}
+
+/// Why no grid can be laid out
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum SurfaceError {
+    /// The cell size is not a positive number
+    #[error("the cell size must be positive and finite, not {cell_size}")]
+    CellSize {
+        /// The cell size given
+        cell_size: f64,
+    },
+    /// The slope bound is not a positive number
+    #[error("the bound of the field's slope must be positive and finite, not {lipschitz}")]
+    Lipschitz {
+        /// The bound given
+        lipschitz: f64,
+    },
+    /// The box is empty, not finite, or needs too many cells
+    #[error(
+        "the box needs between 1 and {limit} cells along each axis, not {x:.0} x {y:.0} x {z:.0}"
+    )]
+    Cells {
+        /// Cells along x
+        x: f64,
+        /// Cells along y
+        y: f64,
+        /// Cells along z
+        z: f64,
+        /// Most cells along an axis
+        limit: u32,
+    },
+}
+
+/// Most cells along an axis: three corner indices and an axis fit one 64-bit key
+const MAX_CELLS: u32 = 1 << 20;
+
+/// Cells along a brick, the block in which values are kept
+const BRICK: u32 = 8;
+/// Cells along a node, the block that is switched on as a whole
+const NODE: u32 = 2;
+/// Nodes along a brick; all nodes of a brick fit the bits of one `u64`
+const BRICK_NODES: u32 = BRICK / NODE;
+/// Corners along a brick
+const BRICK_CORNERS: usize = BRICK as usize + 1;
+
+/// Vertices keep this part of an edge from its ends, so that no triangle shrinks to a point
+const MIN_EDGE_PART: f64 = 1e-3;
+
+/// Extracts the surface where `field` changes its sign; an empty mesh when it does not
+///
+/// A field value of zero or NaN counts as outside.
+///
+/// # Errors
+/// When the options describe no grid.
+///
+/// # Examples
+/// ```
+/// use glam::DVec3;
+/// use pirouette_geom::isosurface::{SurfaceOptions, extract_surface};
+/// let options = SurfaceOptions {
+///     lo: DVec3::splat(-1.2),
+///     hi: DVec3::splat(1.2),
+///     cell_size: 0.1,
+///     lipschitz: 1.0,
+///     secant_steps: 0,
+/// };
+/// let ball = extract_surface(|p| p.length() - 1.0, &options)?;
+/// assert_eq!(ball.check(), Ok(()));
+/// assert!((ball.volume() - 4.19).abs() < 0.04);
+/// # Ok::<(), pirouette_geom::isosurface::SurfaceError>(())
+/// ```
+pub fn extract_surface(
+    field: impl Fn(DVec3) -> f64 + Sync,
+    options: &SurfaceOptions,
+) -> Result<TriMesh, SurfaceError> {
+    let grid = Lattice::new(&field, options)?;
+    let mut bricks: BTreeMap<[u32; 3], Brick> = BTreeMap::new();
+    let mut pending = grid.find_bricks();
+    while !pending.is_empty() {
+        let mut work: Vec<Brick> = Vec::with_capacity(pending.len());
+        for (origin, nodes) in pending {
+            let mut brick = bricks.remove(&origin).unwrap_or_else(|| Brick::new(origin));
+            brick.wanted = nodes.map_or(Wanted::Search, Wanted::Nodes);
+            work.push(brick);
+        }
+        let requests: Vec<Vec<NodeRequest>> = work
+            .par_iter_mut()
+            .map(|brick| brick.sample(&grid))
+            .collect();
+        bricks.extend(work.into_iter().map(|brick| (brick.origin, brick)));
+        pending = BTreeMap::new();
+        for (origin, node) in requests.into_iter().flatten() {
+            let active = bricks.get(&origin).map_or(0, |brick| brick.active);
+            if active & node == 0 {
+                *pending.entry(origin).or_insert(Some(0)).get_or_insert(0) |= node;
+            }
+        }
+    }
+    let bricks: Vec<Brick> = bricks.into_values().filter(|b| b.active != 0).collect();
+    let pieces: Vec<Piece> = bricks.par_iter().map(|brick| brick.cut(&grid)).collect();
+    Ok(weld(pieces))
+}
+
+/// A brick's origin in cells and one bit for a node of it
+type NodeRequest = ([u32; 3], u64);
+
+/// The field on the corners of a regular grid
+struct Lattice<'a, F> {
+    field: &'a F,
+    lo: DVec3,
+    cell_size: f64,
+    lipschitz: f64,
+    secant_steps: usize,
+    /// Cells along each axis
+    counts: [u32; 3],
+}
+
+impl<'a, F: Fn(DVec3) -> f64 + Sync> Lattice<'a, F> {
+    fn new(field: &'a F, options: &SurfaceOptions) -> Result<Self, SurfaceError> {
+        let SurfaceOptions {
+            lo,
+            hi,
+            cell_size,
+            lipschitz,
+            secant_steps,
+        } = *options;
+        if !(cell_size.is_finite() && cell_size > 0.0) {
+            return Err(SurfaceError::CellSize { cell_size });
+        }
+        if !(lipschitz.is_finite() && lipschitz > 0.0) {
+            return Err(SurfaceError::Lipschitz { lipschitz });
+        }
+        let cells = ((hi - lo) / cell_size).map(f64::ceil);
+        let countable = |n: f64| (1.0..=f64::from(MAX_CELLS)).contains(&n);
+        if !(lo.is_finite() && cells.to_array().into_iter().all(countable)) {
+            return Err(SurfaceError::Cells {
+                x: cells.x,
+                y: cells.y,
+                z: cells.z,
+                limit: MAX_CELLS,
+            });
+        }
+        Ok(Self {
+            field,
+            lo,
+            cell_size,
+            lipschitz,
+            secant_steps,
+            counts: cells.to_array().map(|n| n as u32),
+        })
+    }
+
+    fn position(&self, corner: [u32; 3]) -> DVec3 {
+        self.lo + DVec3::from_array(corner.map(f64::from)) * self.cell_size
+    }
+
+    /// Field value at a corner; what cannot be inside is made positive
+    fn value(&self, corner: [u32; 3]) -> f64 {
+        let value = (self.field)(self.position(corner));
+        let on_border = (0..3).any(|a| corner[a] == 0 || corner[a] >= self.counts[a]);
+        if value.is_nan() {
+            self.cell_size
+        } else if on_border {
+            value.max(self.cell_size)
+        } else {
+            value
+        }
+    }
+
+    /// Whether the surface may pass the cube of `size` cells at `origin` whose center has this value
+    fn may_cut(&self, origin: [u32; 3], size: u32, center: f64) -> bool {
+        let half_diagonal = f64::from(size) * self.cell_size * 3f64.sqrt() / 2.0;
+        let near = center.abs() <= self.lipschitz * half_diagonal;
+        let on_border =
+            (0..3).any(|a| origin[a] == 0 || origin[a].saturating_add(size) >= self.counts[a]);
+        near || (center < 0.0 && on_border)
+    }
+
+    /// Origins of the bricks near the surface; `None` asks to search all of a brick
+    fn find_bricks(&self) -> BTreeMap<[u32; 3], Option<u64>> {
+        let longest = self.counts.into_iter().max().unwrap_or(1);
+        let mut size = longest.next_power_of_two().max(BRICK);
+        let mut blocks = vec![[0; 3]];
+        while size > BRICK {
+            let half = size / 2;
+            blocks = blocks
+                .par_iter()
+                .filter(|&&origin| self.may_cut(origin, size, self.value(origin.map(|o| o + half))))
+                .flat_map_iter(|&origin| {
+                    (0..8).map(move |child| offset(origin, cube_corner(child), half))
+                })
+                .filter(|origin| (0..3).all(|a| origin[a] < self.counts[a]))
+                .collect();
+            size = half;
+        }
+        blocks.into_iter().map(|origin| (origin, None)).collect()
+    }
+}
+
+/// What to do with a brick next
+#[derive(Debug, Clone, Copy)]
+enum Wanted {
+    /// Find the nodes near the surface
+    Search,
+    /// Switch on these nodes
+    Nodes(u64),
+}
+
+/// A cube of cells with the field values at those corners that were needed
+#[derive(Debug)]
+struct Brick {
+    /// First cell
+    origin: [u32; 3],
+    /// Values at the corners, NaN where not yet evaluated; x runs fastest
+    values: Vec<f32>,
+    /// Nodes that are switched on, one bit each; x runs fastest
+    active: u64,
+    wanted: Wanted,
+}
+
+impl Brick {
+    fn new(origin: [u32; 3]) -> Self {
+        Self {
+            origin,
+            values: vec![f32::NAN; BRICK_CORNERS.pow(3)],
+            active: 0,
+            wanted: Wanted::Search,
+        }
+    }
+
+    fn slot(local: [u32; 3]) -> usize {
+        let [x, y, z] = local.map(|v| v as usize);
+        x + BRICK_CORNERS * (y + BRICK_CORNERS * z)
+    }
+
+    fn value<F: Fn(DVec3) -> f64 + Sync>(&mut self, grid: &Lattice<F>, local: [u32; 3]) -> f64 {
+        let slot = Self::slot(local);
+        if self.values[slot].is_nan() {
+            // Bounded so that interpolation between two corners stays finite
+            let bound = f64::from(f32::MAX) / 4.0;
+            let value = grid.value(offset(self.origin, local, 1));
+            // Rounding to f32 must not turn a tiny negative value into zero, which is outside.
+            let rounded = value.clamp(-bound, bound) as f32;
+            self.values[slot] = if value < 0.0 {
+                rounded.min(-f32::MIN_POSITIVE)
+            } else {
+                rounded
+            };
+        }
+        f64::from(self.values[slot])
+    }
+
+    /// Switches on the wanted nodes and follows the surface through the brick
+    ///
+    /// Returns the nodes of other bricks into which the surface goes on.
+    fn sample<F: Fn(DVec3) -> f64 + Sync>(&mut self, grid: &Lattice<F>) -> Vec<NodeRequest> {
+        let mut queue = match self.wanted {
+            Wanted::Search => self.search(grid),
+            Wanted::Nodes(nodes) => nodes,
+        };
+        let mut requests = Vec::new();
+        while queue != 0 {
+            let bit = queue.trailing_zeros();
+            queue &= queue - 1;
+            if self.active & (1 << bit) != 0 {
+                continue;
+            }
+            self.active |= 1 << bit;
+            let first = node_corner(bit);
+            // The faces evaluate all corners but this one.
+            self.value(grid, offset(first, [1; 3], NODE / 2));
+            for axis in 0..3 {
+                for side in 0..2 {
+                    if !self.changes_sign(grid, first, axis, side) {
+                        continue;
+                    }
+                    let mut neighbor = offset(self.origin, first, 1);
+                    if side == 1 {
+                        neighbor[axis] += NODE;
+                    } else if neighbor[axis] >= NODE {
+                        neighbor[axis] -= NODE;
+                    } else {
+                        continue;
+                    }
+                    let origin = neighbor.map(|v| v / BRICK * BRICK);
+                    let mask = node_mask(neighbor.map(|v| v % BRICK));
+                    if origin == self.origin {
+                        queue |= mask & !self.active;
+                    } else {
+                        requests.push((origin, mask));
+                    }
+                }
+            }
+        }
+        requests
+    }
+
+    /// Nodes near the surface, found from coarse to fine
+    fn search<F: Fn(DVec3) -> f64 + Sync>(&mut self, grid: &Lattice<F>) -> u64 {
+        let mut found = 0;
+        let mut blocks = vec![([0; 3], BRICK)];
+        while let Some((local, size)) = blocks.pop() {
+            let half = size / 2;
+            let center = self.value(grid, local.map(|v| v + half));
+            if !grid.may_cut(offset(self.origin, local, 1), size, center) {
+                continue;
+            }
+            if size > NODE {
+                blocks.extend((0..8).map(|child| (offset(local, cube_corner(child), half), half)));
+            } else {
+                found |= node_mask(local);
+            }
+        }
+        found
+    }
+
+    /// Whether the corners on one face of a node are partly inside, partly outside
+    fn changes_sign<F: Fn(DVec3) -> f64 + Sync>(
+        &mut self,
+        grid: &Lattice<F>,
+        first: [u32; 3],
+        axis: usize,
+        side: u32,
+    ) -> bool {
+        let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut inside = 0;
+        for u in 0..=NODE {
+            for v in 0..=NODE {
+                let mut local = first;
+                local[axis] += side * NODE;
+                local[b] += u;
+                local[c] += v;
+                inside += u32::from(self.value(grid, local) < 0.0);
+            }
+        }
+        inside != 0 && inside != (NODE + 1).pow(2)
+    }
+
+    /// Cuts all cells of the active nodes
+    fn cut<F: Fn(DVec3) -> f64 + Sync>(&self, grid: &Lattice<F>) -> Piece {
+        let mut piece = Piece::default();
+        let mut vertex_of_edge = vec![u32::MAX; 3 * self.values.len()];
+        for bit in (0..u64::BITS).filter(|bit| self.active & (1 << bit) != 0) {
+            for child in 0..8 {
+                let cell = offset(node_corner(bit), cube_corner(child), 1);
+                self.cut_cell(grid, cell, &mut vertex_of_edge, &mut piece);
+            }
+        }
+        piece
+    }
+
+    fn cut_cell<F: Fn(DVec3) -> f64 + Sync>(
+        &self,
+        grid: &Lattice<F>,
+        cell: [u32; 3],
+        vertex_of_edge: &mut [u32],
+        piece: &mut Piece,
+    ) {
+        let mut inside = 0u8;
+        for corner in 0..8 {
+            let value = self.values[Self::slot(offset(cell, cube_corner(corner), 1))];
+            inside |= u8::from(value < 0.0) << corner;
+        }
+        let case = &CASES[inside as usize];
+        if case.triangles.is_empty() {
+            return;
+        }
+        let mut vertex = |edge: u8, piece: &mut Piece| {
+            let from = offset(cell, cube_corner(u32::from(lower_corner(edge))), 1);
+            let axis = usize::from(edge / 4);
+            let slot = &mut vertex_of_edge[3 * Self::slot(from) + axis];
+            if *slot == u32::MAX {
+                *slot = piece.positions.len() as u32;
+                piece.keys.push(self.edge_key(from, axis));
+                piece.positions.push(self.crossing(grid, from, axis));
+            }
+            *slot
+        };
+        let mut centers = Vec::new();
+        for polygon in &case.centers {
+            let sum: DVec3 = polygon
+                .iter()
+                .map(|&edge| {
+                    let v = vertex(edge, piece);
+                    piece.positions[v as usize]
+                })
+                .sum();
+            centers.push(piece.positions.len() as u32);
+            piece.keys.push(None);
+            piece.positions.push(sum / polygon.len() as f64);
+        }
+        for triangle in &case.triangles {
+            let triangle = triangle.map(|edge| match edge.checked_sub(EDGE_COUNT) {
+                Some(center) => centers[usize::from(center)],
+                None => vertex(edge, piece),
+            });
+            piece.triangles.push(triangle);
+        }
+    }
+
+    /// Name of a grid edge that other bricks share, `None` for one inside this brick
+    fn edge_key(&self, from: [u32; 3], axis: usize) -> Option<u64> {
+        let shared = (0..3).any(|a| a != axis && (from[a] == 0 || from[a] == BRICK));
+        shared.then(|| {
+            let [x, y, z] = offset(self.origin, from, 1).map(u64::from);
+            // 21 bits hold a corner index up to MAX_CELLS.
+            (((x << 21 | y) << 21 | z) << 1 << 1) | axis as u64
+        })
+    }
+
+    /// Where the field changes its sign along a grid edge
+    fn crossing<F: Fn(DVec3) -> f64 + Sync>(
+        &self,
+        grid: &Lattice<F>,
+        from: [u32; 3],
+        axis: usize,
+    ) -> DVec3 {
+        let mut to = from;
+        to[axis] += 1;
+        let mut a = f64::from(self.values[Self::slot(from)]);
+        let mut b = f64::from(self.values[Self::slot(to)]);
+        let start = grid.position(offset(self.origin, from, 1));
+        let along = DVec3::AXES[axis] * grid.cell_size;
+        let (mut ta, mut tb) = (0.0, 1.0);
+        let mut t = a / (a - b);
+        let mut moved_a = None;
+        for _ in 0..grid.secant_steps {
+            let value = (grid.field)(start + along * t);
+            if value.is_nan() {
+                break;
+            }
+            // Illinois rule: an end that stays twice counts half, or a bent field would hold it for ever.
+            let moves_a = (value < 0.0) == (a < 0.0);
+            let stays_again = moved_a == Some(moves_a);
+            if moves_a {
+                (ta, a) = (t, value);
+                b /= if stays_again { 2.0 } else { 1.0 };
+            } else {
+                (tb, b) = (t, value);
+                a /= if stays_again { 2.0 } else { 1.0 };
+            }
+            moved_a = Some(moves_a);
+            let refined = ta + (tb - ta) * a / (a - b);
+            if !refined.is_finite() {
+                break;
+            }
+            t = refined;
+        }
+        start + along * t.clamp(MIN_EDGE_PART, 1.0 - MIN_EDGE_PART)
+    }
+}
+
+/// The surface within one brick
+#[derive(Debug, Default)]
+struct Piece {
+    positions: Vec<DVec3>,
+    /// Name of the vertex where other bricks have it too
+    keys: Vec<Option<u64>>,
+    triangles: Vec<[u32; 3]>,
+}
+
+/// Joins the pieces at the vertices that they share
+fn weld(pieces: Vec<Piece>) -> TriMesh {
+    let mut mesh = TriMesh::default();
+    let mut vertex_of_key: HashMap<u64, u32> = HashMap::new();
+    for piece in pieces {
+        let vertices: Vec<u32> = piece
+            .positions
+            .iter()
+            .zip(&piece.keys)
+            .map(|(&position, key)| {
+                let next = mesh.positions.len() as u32;
+                let vertex = match key {
+                    Some(key) => *vertex_of_key.entry(*key).or_insert(next),
+                    None => next,
+                };
+                if vertex == next {
+                    mesh.positions.push(position);
+                }
+                vertex
+            })
+            .collect();
+        mesh.triangles.extend(
+            piece
+                .triangles
+                .iter()
+                .map(|t| t.map(|v| vertices[v as usize])),
+        );
+    }
+    mesh
+}
+
+/// First cell within its brick of the node with this bit
+fn node_corner(bit: u32) -> [u32; 3] {
+    let node = [bit, bit / BRICK_NODES, bit / BRICK_NODES / BRICK_NODES];
+    node.map(|n| n % BRICK_NODES * NODE)
+}
+
+/// The bit of the node that holds a cell of its brick
+fn node_mask(cell: [u32; 3]) -> u64 {
+    let [x, y, z] = cell.map(|v| v / NODE);
+    1 << (x + BRICK_NODES * (y + BRICK_NODES * z))
+}
+
+/// Corner of the unit cube by its bits
+fn cube_corner(bits: u32) -> [u32; 3] {
+    [bits & 1, bits >> 1 & 1, bits >> 2 & 1]
+}
+
+fn offset(origin: [u32; 3], by: [u32; 3], step: u32) -> [u32; 3] {
+    std::array::from_fn(|a| origin[a] + by[a] * step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tri_mesh::MeshDefect;
+    use proptest::prelude::*;
+
+    fn options(cell_size: f64, lipschitz: f64) -> SurfaceOptions {
+        SurfaceOptions {
+            lo: DVec3::splat(-1.0),
+            hi: DVec3::splat(1.0),
+            cell_size,
+            lipschitz,
+            secant_steps: 0,
+        }
+    }
+
+    /// Marching over every cell of the grid, one vertex search per corner triple
+    fn extract_surface_reference(
+        field: impl Fn(DVec3) -> f64 + Sync,
+        options: &SurfaceOptions,
+    ) -> Vec<[DVec3; 3]> {
+        let grid = Lattice::new(&field, options).expect("the options are sound");
+        let mut triangles = Vec::new();
+        let [nx, ny, nz] = grid.counts;
+        for cell in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
+            let corner = |bits: u32| offset(cell, cube_corner(bits), 1);
+            let inside = (0..8)
+                .filter(|&bits| grid.value(corner(bits)) < 0.0)
+                .fold(0, |set, bits| set | 1 << bits);
+            let case: &cube_cases::CubeCase = &CASES[inside];
+            let point = |edge: u8| {
+                let low = u32::from(lower_corner(edge));
+                let (p, q) = (corner(low), corner(low | 1 << (edge / 4)));
+                let (a, b) = (grid.value(p), grid.value(q));
+                let t = (a / (a - b)).clamp(MIN_EDGE_PART, 1.0 - MIN_EDGE_PART);
+                grid.position(p).lerp(grid.position(q), t)
+            };
+            for triangle in &case.triangles {
+                triangles.push(triangle.map(|edge| match edge.checked_sub(EDGE_COUNT) {
+                    Some(k) => {
+                        let polygon = &case.centers[usize::from(k)];
+                        polygon.iter().map(|&e| point(e)).sum::<DVec3>() / polygon.len() as f64
+                    }
+                    None => point(edge),
+                }));
+            }
+        }
+        triangles
+    }
+
+    /// Corner sums of all triangles in a fixed order, to compare sets of triangles
+    fn fingerprint(triangles: impl Iterator<Item = [DVec3; 3]>) -> Vec<[i64; 3]> {
+        let mut sums: Vec<[i64; 3]> = triangles
+            .map(|t| {
+                let sum: DVec3 = t.into_iter().sum();
+                sum.to_array().map(|v| (v * 1e4).round() as i64)
+            })
+            .collect();
+        sums.sort_unstable();
+        sums
+    }
+
+    #[test]
+    fn a_ball_is_round_closed_and_faces_outward() {
+        for cell in [0.31, 0.1, 0.043] {
+            let ball = extract_surface(|p| p.length() - 0.8, &options(cell, 1.0));
+            let ball = ball.expect("the options are sound");
+            assert_eq!(ball.check(), Ok(()));
+            let worst = ball.positions.iter().map(|p| (p.length() - 0.8).abs());
+            assert!(worst.fold(0.0, f64::max) < 0.3 * cell * cell);
+            let exact = 4.0 / 3.0 * std::f64::consts::PI * 0.8f64.powi(3);
+            assert!((ball.volume() / exact - 1.0).abs() < 2.0 * cell * cell);
+        }
+    }
+
+    #[test]
+    fn only_cells_near_the_surface_are_evaluated() {
+        let count = std::sync::atomic::AtomicUsize::new(0);
+        let field = |p: DVec3| {
+            count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            p.length() - 0.8
+        };
+        let mesh = extract_surface(field, &options(0.02, 1.0)).expect("the options are sound");
+        let evaluated = count.into_inner();
+        // The full grid has a million corners; the ball's surface passes about 20,000 cells.
+        assert!(evaluated < 160_000, "{evaluated} evaluations");
+        assert!(mesh.triangles.len() > 30_000);
+    }
+
+    #[test]
+    fn secant_steps_land_on_a_bent_field() {
+        let bent = |p: DVec3| (p.length() / 0.7).powi(4) - 1.0;
+        let options = SurfaceOptions {
+            secant_steps: 4,
+            ..options(0.2, 8.0)
+        };
+        let mesh = extract_surface(bent, &options).expect("the options are sound");
+        for p in &mesh.positions {
+            assert!((p.length() - 0.7).abs() < 2e-4, "{}", p.length());
+        }
+    }
+
+    #[test]
+    fn a_solid_that_fills_the_box_is_closed_at_its_border() {
+        let mesh = extract_surface(|_| -1.0, &options(0.1, 1.0)).expect("the options are sound");
+        assert_eq!(mesh.check(), Ok(()));
+        assert!((1.8f64.powi(3)..8.0).contains(&mesh.volume()));
+    }
+
+    #[test]
+    fn fields_of_any_kind_give_closed_meshes_or_none() {
+        let fields: [fn(DVec3) -> f64; 5] = [
+            |_| f64::NAN,
+            |_| 0.0,
+            |p| if p.x > 0.1 { f64::NAN } else { -1.0 },
+            |p| {
+                if p.y > 0.1 {
+                    f64::INFINITY
+                } else {
+                    f64::NEG_INFINITY
+                }
+            },
+            |p| p.x * 1e-300,
+        ];
+        for field in fields {
+            let mesh = extract_surface(field, &options(0.13, 1.0)).expect("the options are sound");
+            if !mesh.triangles.is_empty() {
+                assert_eq!(mesh.check(), Ok(()));
+            }
+        }
+    }
+
+    #[test]
+    fn senseless_options_are_refused() {
+        let extract = |options| extract_surface(|p| p.x, &options);
+        assert!(matches!(
+            extract(options(0.0, 1.0)),
+            Err(SurfaceError::CellSize { .. })
+        ));
+        assert!(matches!(
+            extract(options(0.1, f64::NAN)),
+            Err(SurfaceError::Lipschitz { .. })
+        ));
+        assert!(matches!(
+            extract(options(1e-9, 1.0)),
+            Err(SurfaceError::Cells { .. })
+        ));
+        let empty = SurfaceOptions {
+            hi: DVec3::splat(-2.0),
+            ..options(0.1, 1.0)
+        };
+        assert!(matches!(extract(empty), Err(SurfaceError::Cells { .. })));
+    }
+
+    /// A random value per cell corner: every case of the cube, and every way in which two cubes meet
+    fn noise(seed: u64) -> impl Fn(DVec3) -> f64 + Sync {
+        move |p: DVec3| {
+            let mut state = seed;
+            for v in p.to_array() {
+                let corner = ((v + 1.0) / 0.125).round() as i64 as u64;
+                state = (state ^ corner).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+                state ^= state >> 29;
+            }
+            state as f64 / u64::MAX as f64 - 0.5
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        #[test]
+        fn noise_gives_a_closed_manifold_mesh(seed: u64) {
+            let mesh = extract_surface(noise(seed), &options(0.125, 100.0)).expect("the options are sound");
+            prop_assert_eq!(mesh.check(), Ok(()));
+        }
+
+        #[test]
+        fn a_wrong_slope_bound_still_gives_closed_meshes(seed: u64) {
+            let mesh = extract_surface(noise(seed), &options(0.125, 0.2)).expect("the options are sound");
+            // Pieces may be missing, the outermost too, so the sign of the volume says nothing.
+            let check = mesh.check();
+            let sound = matches!(check, Ok(()) | Err(MeshDefect::Empty | MeshDefect::InsideOut { .. }));
+            prop_assert!(sound, "{:?}", check);
+        }
+
+        #[test]
+        fn the_adaptive_grid_finds_what_the_full_grid_finds(
+            centers in prop::collection::vec(prop::array::uniform3(-0.7..0.7f64), 1..5),
+            radius in 0.1..0.4f64,
+        ) {
+            let balls = |p: DVec3| {
+                let distance = |c: &[f64; 3]| (p - DVec3::from_array(*c)).length() - radius;
+                centers.iter().map(distance).fold(f64::INFINITY, f64::min)
+            };
+            let options = options(0.09, 1.0);
+            let mesh = extract_surface(balls, &options).expect("the options are sound");
+            prop_assert_eq!(mesh.check(), Ok(()));
+            let found = fingerprint((0..mesh.triangles.len()).map(|t| mesh.corners(t)));
+            let expected = fingerprint(extract_surface_reference(balls, &options).into_iter());
+            prop_assert_eq!(found.len(), expected.len());
+            for (a, b) in found.iter().zip(&expected) {
+                prop_assert!((0..3).all(|k| (a[k] - b[k]).abs() <= 2));
+            }
+        }
+    }
+}

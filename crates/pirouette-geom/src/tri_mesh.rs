@@ -11,6 +11,72 @@ pub struct TriMesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
+/// Why a mesh is not the closed, manifold, outward oriented surface of a solid
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum MeshDefect {
+    /// There is no surface at all
+    #[error("the mesh has no triangles")]
+    Empty,
+    /// A coordinate is NaN or infinite
+    #[error("vertex {vertex} has a coordinate that is not finite")]
+    NotFinite {
+        /// The vertex
+        vertex: u32,
+    },
+    /// A triangle names a vertex that does not exist
+    #[error("triangle {triangle} names vertex {vertex}, but there are only {vertex_count}")]
+    MissingVertex {
+        /// The triangle
+        triangle: usize,
+        /// The vertex it names
+        vertex: u32,
+        /// How many vertices there are
+        vertex_count: usize,
+    },
+    /// A triangle names one vertex twice
+    #[error("triangle {triangle} names vertex {vertex} twice")]
+    RepeatedVertex {
+        /// The triangle
+        triangle: usize,
+        /// The vertex
+        vertex: u32,
+    },
+    /// A vertex is part of no triangle
+    #[error("vertex {vertex} belongs to no triangle")]
+    UnusedVertex {
+        /// The vertex
+        vertex: u32,
+    },
+    /// An edge has a triangle on one side only
+    #[error("the edge from vertex {from} to {to} has a triangle on one side only")]
+    OpenEdge {
+        /// Start of the edge in its triangle
+        from: u32,
+        /// End of the edge in its triangle
+        to: u32,
+    },
+    /// More than two triangles meet in an edge, or two of them run along it in the same direction
+    #[error("several triangles run along the edge from vertex {from} to {to} in this direction")]
+    CrowdedEdge {
+        /// Start of the edge
+        from: u32,
+        /// End of the edge
+        to: u32,
+    },
+    /// The triangles around a vertex form several fans, so that the surface touches itself there
+    #[error("the surface touches itself at vertex {vertex}")]
+    TouchingVertex {
+        /// The vertex
+        vertex: u32,
+    },
+    /// The triangles face inward
+    #[error("the triangles face inward: the signed volume is {volume}")]
+    InsideOut {
+        /// Signed volume
+        volume: f64,
+    },
+}
+
 impl TriMesh {
     /// The corners of a triangle
     ///
@@ -26,6 +92,16 @@ impl TriMesh {
             .map(|t| {
                 let [a, b, c] = self.corners(t);
                 a.dot(b.cross(c)) / 6.0
+            })
+            .sum()
+    }
+
+    /// Area of all triangles
+    pub fn area(&self) -> f64 {
+        (0..self.triangles.len())
+            .map(|t| {
+                let [a, b, c] = self.corners(t);
+                (b - a).cross(c - a).length() / 2.0
             })
             .sum()
     }
@@ -54,5 +130,332 @@ impl TriMesh {
                 .iter()
                 .fold((first, first), |(lo, hi), &p| (lo.min(p), hi.max(p))),
         )
+    }
+
+    /// All edges once, each with its smaller vertex first, in ascending order
+    pub fn edges(&self) -> Vec<[u32; 2]> {
+        let mut edges: Vec<[u32; 2]> = self
+            .triangles
+            .iter()
+            .flat_map(sides)
+            .map(|(a, b)| [a.min(b), a.max(b)])
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        edges
+    }
+
+    /// The triangle across each side: side `k` runs from corner `k` to corner `k + 1`
+    ///
+    /// `None` where the mesh is open, or where other than two triangles with opposite directions meet.
+    pub fn neighbors(&self) -> Vec<[Option<u32>; 3]> {
+        let sides = self.sorted_sides();
+        let mut neighbors = vec![[None; 3]; self.triangles.len()];
+        for group in sides.chunk_by(|a, b| a.edge() == b.edge()) {
+            if let [a, b] = group
+                && a.from != b.from
+            {
+                neighbors[a.triangle as usize][a.side as usize] = Some(b.triangle);
+                neighbors[b.triangle as usize][b.side as usize] = Some(a.triangle);
+            }
+        }
+        neighbors
+    }
+
+    /// Checks that the mesh is the closed, manifold, outward oriented surface of a solid
+    ///
+    /// Every vertex is finite, used, and surrounded by one fan of triangles; every edge belongs to two
+    /// triangles that run along it in opposite directions; the signed volume is positive. Triangles that
+    /// cross each other in space are not looked for.
+    ///
+    /// # Errors
+    /// The first [`MeshDefect`] found.
+    pub fn check(&self) -> Result<(), MeshDefect> {
+        if self.triangles.is_empty() {
+            return Err(MeshDefect::Empty);
+        }
+        if let Some(vertex) = self.positions.iter().position(|p| !p.is_finite()) {
+            return Err(MeshDefect::NotFinite {
+                vertex: vertex as u32,
+            });
+        }
+        let mut triangle_counts = vec![0u32; self.positions.len()];
+        for (triangle, vertices) in self.triangles.iter().enumerate() {
+            for &vertex in vertices {
+                let Some(count) = triangle_counts.get_mut(vertex as usize) else {
+                    return Err(MeshDefect::MissingVertex {
+                        triangle,
+                        vertex,
+                        vertex_count: self.positions.len(),
+                    });
+                };
+                *count += 1;
+            }
+            if let Some((vertex, _)) = sides(vertices).find(|(a, b)| a == b) {
+                return Err(MeshDefect::RepeatedVertex { triangle, vertex });
+            }
+        }
+        if let Some(vertex) = triangle_counts.iter().position(|&count| count == 0) {
+            return Err(MeshDefect::UnusedVertex {
+                vertex: vertex as u32,
+            });
+        }
+        for group in self.sorted_sides().chunk_by(|a, b| a.edge() == b.edge()) {
+            let (from, to) = (group[0].from, group[0].to);
+            match group {
+                [_] => return Err(MeshDefect::OpenEdge { from, to }),
+                [a, b] if a.from != b.from => {}
+                _ => return Err(MeshDefect::CrowdedEdge { from, to }),
+            }
+        }
+        self.check_fans(&triangle_counts)?;
+        let volume = self.volume();
+        if volume > 0.0 {
+            Ok(())
+        } else {
+            Err(MeshDefect::InsideOut { volume })
+        }
+    }
+
+    /// Walks around every vertex of a mesh whose edges are sound
+    fn check_fans(&self, triangle_counts: &[u32]) -> Result<(), MeshDefect> {
+        let neighbors = self.neighbors();
+        let mut visited = vec![false; self.positions.len()];
+        for (start, vertices) in self.triangles.iter().enumerate() {
+            for (corner, &vertex) in vertices.iter().enumerate() {
+                if std::mem::replace(&mut visited[vertex as usize], true) {
+                    continue;
+                }
+                let (mut triangle, mut side, mut fan) = (start, corner, 0u32);
+                loop {
+                    fan += 1;
+                    // Across the side that leaves the vertex lies the next triangle of the fan.
+                    let Some(next) = neighbors[triangle][side] else {
+                        break;
+                    };
+                    triangle = next as usize;
+                    let Some(at) = self.triangles[triangle].iter().position(|&v| v == vertex)
+                    else {
+                        break;
+                    };
+                    side = at;
+                    if triangle == start || fan > triangle_counts[vertex as usize] {
+                        break;
+                    }
+                }
+                if fan != triangle_counts[vertex as usize] {
+                    return Err(MeshDefect::TouchingVertex { vertex });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Splits the mesh into its connected components, largest absolute volume first
+    ///
+    /// Triangles are connected by shared vertices. Vertices keep their order; unused ones are dropped.
+    ///
+    /// # Panics
+    /// When a triangle names a vertex that does not exist.
+    pub fn components(&self) -> Vec<TriMesh> {
+        let mut parents: Vec<u32> = (0..self.positions.len() as u32).collect();
+        for &[a, b, c] in &self.triangles {
+            for other in [b, c] {
+                let (ra, rb) = (find_root(&mut parents, a), find_root(&mut parents, other));
+                parents[ra.max(rb) as usize] = ra.min(rb);
+            }
+        }
+        let mut component_of_root = vec![u32::MAX; self.positions.len()];
+        let mut new_index = vec![u32::MAX; self.positions.len()];
+        let mut components: Vec<TriMesh> = Vec::new();
+        for triangle in &self.triangles {
+            let root = find_root(&mut parents, triangle[0]) as usize;
+            if component_of_root[root] == u32::MAX {
+                component_of_root[root] = components.len() as u32;
+                components.push(TriMesh::default());
+            }
+        }
+        for (v, &position) in self.positions.iter().enumerate() {
+            let root = find_root(&mut parents, v as u32) as usize;
+            if let Some(component) = components.get_mut(component_of_root[root] as usize) {
+                new_index[v] = component.positions.len() as u32;
+                component.positions.push(position);
+            }
+        }
+        for triangle in &self.triangles {
+            let root = find_root(&mut parents, triangle[0]) as usize;
+            components[component_of_root[root] as usize]
+                .triangles
+                .push(triangle.map(|v| new_index[v as usize]));
+        }
+        components.sort_by(|a, b| b.volume().abs().total_cmp(&a.volume().abs()));
+        components
+    }
+
+    /// The connected component with the largest absolute volume; empty for a mesh without triangles
+    ///
+    /// # Panics
+    /// When a triangle names a vertex that does not exist.
+    pub fn largest_component(&self) -> TriMesh {
+        self.components().into_iter().next().unwrap_or_default()
+    }
+
+    fn sorted_sides(&self) -> Vec<Side> {
+        let mut all = Vec::with_capacity(3 * self.triangles.len());
+        for (t, triangle) in self.triangles.iter().enumerate() {
+            for (side, (from, to)) in sides(triangle).enumerate() {
+                all.push(Side {
+                    from,
+                    to,
+                    triangle: t as u32,
+                    side: side as u32,
+                });
+            }
+        }
+        all.sort_unstable_by_key(|s| (s.edge(), s.triangle, s.side));
+        all
+    }
+}
+
+/// One side of one triangle
+#[derive(Debug, Clone, Copy)]
+struct Side {
+    from: u32,
+    to: u32,
+    triangle: u32,
+    side: u32,
+}
+
+impl Side {
+    fn edge(&self) -> (u32, u32) {
+        (self.from.min(self.to), self.from.max(self.to))
+    }
+}
+
+fn sides(triangle: &[u32; 3]) -> impl Iterator<Item = (u32, u32)> + use<> {
+    let [a, b, c] = *triangle;
+    [(a, b), (b, c), (c, a)].into_iter()
+}
+
+/// Root of a union-find tree, halving the path on the way
+fn find_root(parents: &mut [u32], mut v: u32) -> u32 {
+    while parents[v as usize] != v {
+        let grandparent = parents[parents[v as usize] as usize];
+        parents[v as usize] = grandparent;
+        v = grandparent;
+    }
+    v
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tetrahedron(offset: DVec3) -> TriMesh {
+        TriMesh {
+            positions: [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z]
+                .map(|p| p + offset)
+                .to_vec(),
+            triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
+        }
+    }
+
+    /// Both meshes in one, vertices of the second after those of the first
+    fn together(a: &TriMesh, b: &TriMesh) -> TriMesh {
+        let mut both = a.clone();
+        let shift = a.positions.len() as u32;
+        both.positions.extend(&b.positions);
+        both.triangles
+            .extend(b.triangles.iter().map(|t| t.map(|v| v + shift)));
+        both
+    }
+
+    #[test]
+    fn a_tetrahedron_is_sound() {
+        let mesh = tetrahedron(DVec3::new(3.0, -2.0, 5.0));
+        assert_eq!(mesh.check(), Ok(()));
+        assert!((mesh.volume() - 1.0 / 6.0).abs() < 1e-12);
+        assert!((mesh.area() - (1.5 + 3f64.sqrt() / 2.0)).abs() < 1e-12);
+        assert_eq!(mesh.edges().len(), 6);
+    }
+
+    #[test]
+    fn neighbors_lie_across_the_sides() {
+        let mesh = tetrahedron(DVec3::ZERO);
+        for (t, across) in mesh.neighbors().iter().enumerate() {
+            for (k, neighbor) in across.iter().enumerate() {
+                let neighbor = neighbor.expect("the mesh is closed") as usize;
+                let (from, to) = (mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3]);
+                assert!(sides(&mesh.triangles[neighbor]).any(|side| side == (to, from)));
+            }
+        }
+    }
+
+    #[test]
+    fn every_defect_has_its_name() {
+        let sound = tetrahedron(DVec3::ZERO);
+        assert_eq!(TriMesh::default().check(), Err(MeshDefect::Empty));
+
+        let mut mesh = sound.clone();
+        mesh.positions[2].y = f64::NAN;
+        assert_eq!(mesh.check(), Err(MeshDefect::NotFinite { vertex: 2 }));
+
+        let mut mesh = sound.clone();
+        mesh.triangles[1][2] = 9;
+        assert!(matches!(
+            mesh.check(),
+            Err(MeshDefect::MissingVertex { vertex: 9, .. })
+        ));
+
+        let mut mesh = sound.clone();
+        mesh.triangles[1] = [0, 1, 1];
+        assert!(matches!(
+            mesh.check(),
+            Err(MeshDefect::RepeatedVertex { .. })
+        ));
+
+        let mut mesh = sound.clone();
+        mesh.positions.push(DVec3::ONE);
+        assert_eq!(mesh.check(), Err(MeshDefect::UnusedVertex { vertex: 4 }));
+
+        let mut mesh = sound.clone();
+        mesh.triangles.pop();
+        assert!(matches!(mesh.check(), Err(MeshDefect::OpenEdge { .. })));
+
+        let mut mesh = sound.clone();
+        mesh.triangles[0].swap(0, 1);
+        assert!(matches!(mesh.check(), Err(MeshDefect::CrowdedEdge { .. })));
+
+        let mut mesh = sound.clone();
+        for triangle in &mut mesh.triangles {
+            triangle.swap(0, 1);
+        }
+        assert!(matches!(mesh.check(), Err(MeshDefect::InsideOut { .. })));
+    }
+
+    #[test]
+    fn two_tetrahedra_that_touch_in_one_vertex_are_not_manifold() {
+        let mut mesh = together(&tetrahedron(DVec3::ZERO), &tetrahedron(DVec3::X * 5.0));
+        for triangle in &mut mesh.triangles {
+            *triangle = triangle.map(|v| if v == 4 { 0 } else { v });
+        }
+        mesh.positions.remove(4);
+        for triangle in &mut mesh.triangles {
+            *triangle = triangle.map(|v| if v > 4 { v - 1 } else { v });
+        }
+        assert_eq!(mesh.check(), Err(MeshDefect::TouchingVertex { vertex: 0 }));
+    }
+
+    #[test]
+    fn the_largest_component_is_kept_whole() {
+        let small = tetrahedron(DVec3::ZERO);
+        let mut large = tetrahedron(DVec3::ONE);
+        for p in &mut large.positions {
+            *p *= 3.0;
+        }
+        let both = together(&small, &large);
+        assert_eq!(both.components().len(), 2);
+        assert_eq!(both.largest_component(), large);
+        assert_eq!(TriMesh::default().largest_component(), TriMesh::default());
     }
 }
