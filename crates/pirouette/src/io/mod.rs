@@ -5,6 +5,7 @@
 
 pub mod atomic;
 pub mod manifest;
+pub mod mesh;
 pub mod openpose;
 pub mod photo;
 pub mod points;

@@ -1,0 +1,141 @@
+//! Object file format: counts, then one line per vertex and per face.
+
+use std::fmt::Write;
+
+use glam::DVec3;
+use pirouette_geom::TriMesh;
+
+use super::text::{Lines, parse, push_point, unexpected};
+use super::{ReadMeshError, push_fan, vertex_index};
+
+/// The bytes of an OFF file
+pub fn write_off(mesh: &TriMesh) -> Vec<u8> {
+    let mut text = format!("OFF\n{} {} 0\n", mesh.positions.len(), mesh.triangles.len());
+    for &point in &mesh.positions {
+        push_point(&mut text, point);
+        text.push('\n');
+    }
+    for [a, b, c] in &mesh.triangles {
+        writeln!(text, "3 {a} {b} {c}").expect("writing to a string cannot fail");
+    }
+    text.into_bytes()
+}
+
+/// Reads an OFF file, also with colors or normals behind the coordinates (COFF, NOFF) or without the keyword
+///
+/// # Errors
+/// When the bytes are not an OFF file in text form; the error names the line.
+pub fn read_off(bytes: &[u8]) -> Result<TriMesh, ReadMeshError> {
+    const KEYWORD: &str = "the keyword OFF or the counts";
+    let mut lines = Lines::new(bytes);
+    let first = lines.clone().expect(KEYWORD)?.expect(KEYWORD)?;
+    let mut counts = if parse::<u64>(first).is_some() {
+        lines.expect(KEYWORD)?
+    } else if matches!(first, b"OFF" | b"COFF" | b"NOFF" | b"CNOFF" | b"STOFF") {
+        let mut line = lines.expect(KEYWORD)?;
+        line.expect(KEYWORD)?;
+        if line.more() {
+            line
+        } else {
+            lines.expect("the counts")?
+        }
+    } else {
+        let place = lines.expect(KEYWORD)?.place;
+        return Err(unexpected(place, KEYWORD, first));
+    };
+    let (vertex_count, face_count) = (counts.count()?, counts.count()?);
+    let vertex_count = u32::try_from(vertex_count)
+        .ok()
+        .ok_or(ReadMeshError::TooManyVertices {
+            place: counts.place,
+            vertex_count,
+        })?;
+    let mut mesh = TriMesh::default();
+    for _ in 0..vertex_count {
+        let mut line = lines.expect("a vertex")?;
+        let point = [line.number()?, line.number()?, line.number()?];
+        mesh.positions.push(DVec3::from_array(point));
+    }
+    let mut polygon = Vec::new();
+    for _ in 0..face_count {
+        let mut line = lines.expect("a face")?;
+        polygon.clear();
+        for _ in 0..line.count()? {
+            let number = line.integer()?;
+            polygon.push(vertex_index(number, mesh.positions.len(), line.place)?);
+        }
+        push_fan(&mut mesh.triangles, &polygon);
+    }
+    Ok(mesh)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::octahedron;
+    use super::*;
+
+    #[test]
+    fn off_keeps_every_bit() {
+        assert_eq!(read_off(&write_off(&octahedron())), Ok(octahedron()));
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let text = String::from_utf8(write_off(&octahedron())).expect("OFF is text");
+        assert!(text.starts_with("OFF\n6 8 0\n0.3333333333333333 0 0\n0 1234.5678901234 0\n"));
+        assert!(text.contains("0 0 2.5e-7\n0 0 -1e21\n3 0 1 4\n"));
+    }
+
+    #[test]
+    fn dialects_are_understood() {
+        let plain = read_off(b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n");
+        for dialect in [
+            "OFF 3 1 0\r\n0 0 0\r\n1 0 0\r\n0 1 0\r\n3 0 1 2\r\n",
+            "3 1\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2",
+            "# corner\nCOFF\n\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 1 1 1 1\n0 1 0 0 0 0 0\n3 0 1 2 9 9 9\n",
+        ] {
+            assert_eq!(read_off(dialect.as_bytes()), plain, "{dialect}");
+        }
+    }
+
+    #[test]
+    fn polygons_become_fans() {
+        let mesh = read_off(b"OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n2 0 1\n");
+        let mesh = mesh.expect("a square is fine");
+        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    #[test]
+    fn broken_files_are_named() {
+        for (bytes, message) in [
+            (
+                "",
+                "line 0: the file ends where the keyword OFF or the counts should follow",
+            ),
+            (
+                "PLY",
+                "line 1: expected the keyword OFF or the counts, found \"PLY\"",
+            ),
+            ("OFF\n-1 0 0", "line 2: expected a count, found \"-1\""),
+            (
+                "OFF\n2 0 0\n1 2 3\n",
+                "line 3: the file ends where a vertex should follow",
+            ),
+            (
+                "OFF\n1 1 0\n1 2 3\n3 0 0 1\n",
+                "line 4: there is no vertex 1 among 1",
+            ),
+            (
+                "OFF\n1 1 0\n1 2 3\n3 0 0\n",
+                "line 4: expected an integer, found \"end of the line\"",
+            ),
+            (
+                "OFF\n99999999999 0 0\n",
+                "line 2: 99999999999 vertices are more than 32-bit indices can name",
+            ),
+        ] {
+            let error = read_off(bytes.as_bytes()).expect_err(bytes);
+            assert_eq!(error.to_string(), message);
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Words and numbers of text files, with line numbers.
+
+use std::fmt::Write;
+
+use super::{Place, ReadMeshError};
+
+/// The lines of a text file that hold more than white space and comments, each split into words
+#[derive(Debug, Clone)]
+pub(super) struct Lines<'a> {
+    rest: &'a [u8],
+    /// Number of the last line read, from 1
+    line: usize,
+}
+
+/// One line, split into words
+#[derive(Debug)]
+pub(super) struct Words<'a> {
+    rest: &'a [u8],
+    pub(super) place: Place,
+}
+
+impl<'a> Lines<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> Self {
+        Self {
+            rest: bytes,
+            line: 0,
+        }
+    }
+
+    /// The next line that holds a word; `None` at the end
+    pub(super) fn next(&mut self) -> Option<Words<'a>> {
+        while !self.rest.is_empty() {
+            let end = self.rest.iter().position(|&b| b == b'\n');
+            let (line, rest) = match end {
+                Some(end) => (&self.rest[..end], &self.rest[end + 1..]),
+                None => (self.rest, &[][..]),
+            };
+            self.rest = rest;
+            self.line += 1;
+            let comment = line.iter().position(|&b| b == b'#').unwrap_or(line.len());
+            let line = line[..comment].trim_ascii();
+            if !line.is_empty() {
+                return Some(Words::new(line, Place::Line(self.line)));
+            }
+        }
+        None
+    }
+
+    /// The next line that holds a word, or an error that tells what is missing
+    pub(super) fn expect(&mut self, expected: &'static str) -> Result<Words<'a>, ReadMeshError> {
+        self.next().ok_or(ReadMeshError::Ended {
+            place: Place::Line(self.line),
+            expected,
+        })
+    }
+}
+
+impl<'a> Words<'a> {
+    pub(super) fn new(line: &'a [u8], place: Place) -> Self {
+        Self { rest: line, place }
+    }
+
+    /// The next word of the line; `None` at its end
+    pub(super) fn next(&mut self) -> Option<&'a [u8]> {
+        let line = self.rest.trim_ascii_start();
+        let end = line.iter().position(u8::is_ascii_whitespace);
+        let (word, rest) = line.split_at(end.unwrap_or(line.len()));
+        self.rest = rest;
+        (!word.is_empty()).then_some(word)
+    }
+
+    /// Whether another word follows
+    pub(super) fn more(&self) -> bool {
+        !self.rest.trim_ascii_start().is_empty()
+    }
+
+    /// The next word, or an error that tells what is missing
+    pub(super) fn expect(&mut self, expected: &'static str) -> Result<&'a [u8], ReadMeshError> {
+        let place = self.place;
+        self.next().ok_or(ReadMeshError::Unexpected {
+            place,
+            expected,
+            found: "end of the line".to_owned(),
+        })
+    }
+
+    /// The next word as a finite number
+    pub(super) fn number(&mut self) -> Result<f64, ReadMeshError> {
+        const EXPECTED: &str = "a finite number";
+        let word = self.expect(EXPECTED)?;
+        parse::<f64>(word)
+            .filter(|value| value.is_finite())
+            .ok_or_else(|| unexpected(self.place, EXPECTED, word))
+    }
+
+    /// The next word as an integer
+    pub(super) fn integer(&mut self) -> Result<i64, ReadMeshError> {
+        const EXPECTED: &str = "an integer";
+        let word = self.expect(EXPECTED)?;
+        parse(word).ok_or_else(|| unexpected(self.place, EXPECTED, word))
+    }
+
+    /// The next word as a count
+    pub(super) fn count(&mut self) -> Result<u64, ReadMeshError> {
+        const EXPECTED: &str = "a count";
+        let word = self.expect(EXPECTED)?;
+        parse(word).ok_or_else(|| unexpected(self.place, EXPECTED, word))
+    }
+}
+
+/// Reads a whole word as a value
+pub(super) fn parse<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
+    std::str::from_utf8(word).ok()?.parse().ok()
+}
+
+/// The error for a word that does not fit
+pub(super) fn unexpected(place: Place, expected: &'static str, found: &[u8]) -> ReadMeshError {
+    const SHOWN_BYTES: usize = 40;
+    let shown = &found[..found.len().min(SHOWN_BYTES)];
+    ReadMeshError::Unexpected {
+        place,
+        expected,
+        found: String::from_utf8_lossy(shown).into_owned(),
+    }
+}
+
+/// Writes a number in the fewest digits that read back the same
+pub(super) fn push_number(text: &mut String, value: f64) {
+    let magnitude = value.abs();
+    // Outside this range, plain notation would write more zeros than digits.
+    let written = if magnitude == 0.0 || (1e-5..1e17).contains(&magnitude) {
+        write!(text, "{value}")
+    } else {
+        write!(text, "{value:e}")
+    };
+    written.expect("writing to a string cannot fail");
+}
+
+/// Writes three numbers with blanks between them
+pub(super) fn push_point(text: &mut String, point: glam::DVec3) {
+    for (k, value) in point.to_array().into_iter().enumerate() {
+        if k > 0 {
+            text.push(' ');
+        }
+        push_number(text, value);
+    }
+}
