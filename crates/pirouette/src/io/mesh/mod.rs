@@ -168,7 +168,7 @@ mod tests {
 
     /// An octahedron with coordinates that need all digits
     pub(super) fn octahedron() -> TriMesh {
-        let (a, b) = (1.0 / 3.0, 1234.567_890_123_4);
+        let (a, b) = (1.0 / 3.0, 1_234.567_890_123_4);
         TriMesh {
             positions: vec![
                 DVec3::new(a, 0.0, 0.0),
