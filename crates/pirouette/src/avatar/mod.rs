@@ -1,13 +1,16 @@
 //! The reference figure: a closed skinned surface in the reference pose, with named joints, tape loops
 //! and landmarks.
 //!
-//! World frame, millimeters: soles on y = 0, facing +z, the person's left at +x, the turning axis through
-//! the middle between the ankles.
+//! World frame, millimeters: soles on y = 0, facing +z, the person's left at +x, the turning axis
+//! midway between the hips and a little behind them.
 
 pub mod gltf;
 pub mod landmarks;
 pub mod mannequin;
 pub mod render;
+
+mod detector_points;
+mod stance;
 
 use glam::DVec3;
 use pirouette_geom::TriMesh;
@@ -43,6 +46,11 @@ impl ReferencePose {
     }
 }
 
+/// How far behind the middle of the hips the turning axis of a body runs, as a share of the stature
+///
+/// People who turn on the spot keep their feet around the axis; their hips stay a little before it.
+pub const TURNING_AXIS_BEHIND_HIPS: f64 = 0.004;
+
 /// A skinned reference figure in its reference pose
 #[derive(Debug, Clone)]
 pub struct Avatar {
@@ -74,6 +82,60 @@ pub struct TapeLoop {
 }
 
 impl Avatar {
+    /// The same figure at another height, in mm
+    pub fn scaled_to(mut self, stature_mm: f64) -> Self {
+        let scale = stature_mm / self.stature_mm();
+        if scale.is_finite() && scale > 0.0 {
+            for p in self
+                .mesh
+                .positions
+                .iter_mut()
+                .chain(&mut self.bone_heads)
+                .chain(&mut self.keypoints)
+            {
+                *p *= scale;
+            }
+        }
+        self
+    }
+
+    /// Checks what every stage relies on
+    ///
+    /// # Errors
+    /// The first defect found.
+    pub fn check(&self) -> Result<(), AvatarDefect> {
+        let count = self.mesh.positions.len();
+        if self.weights.len() != count {
+            return Err(AvatarDefect::Weights {
+                weights: self.weights.len(),
+                vertices: count,
+            });
+        }
+        let points = self.mesh.positions.iter().chain(&self.bone_heads);
+        if !points.chain(&self.keypoints).all(|p| p.is_finite()) {
+            return Err(AvatarDefect::NotFinite);
+        }
+        let triangles = self.mesh.triangles.iter().flatten();
+        let loops = self.tape_loops.iter().flat_map(|t| &t.vertices);
+        let landmarks = self.landmarks.iter().map(|(_, vertex)| vertex);
+        if let Some(&vertex) = triangles
+            .chain(loops)
+            .chain(landmarks)
+            .find(|&&v| v as usize >= count)
+        {
+            return Err(AvatarDefect::Vertex { vertex });
+        }
+        if let Some(tape) = self.tape_loops.iter().find(|t| t.vertices.len() < 3) {
+            return Err(AvatarDefect::ShortLoop { girth: tape.girth });
+        }
+        let floor_mm = self.mesh.bounds().map_or(0.0, |(low, _)| low.y);
+        let slack = FLOOR_SLACK * self.stature_mm();
+        if floor_mm.abs() > slack {
+            return Err(AvatarDefect::NotOnTheFloor { floor_mm });
+        }
+        Ok(())
+    }
+
     /// Height of the surface, in mm
     pub fn stature_mm(&self) -> f64 {
         self.mesh.bounds().map_or(0.0, |(lo, hi)| hi.y - lo.y)
@@ -89,4 +151,23 @@ impl Avatar {
     pub fn tape_loop(&self, girth: Girth) -> Option<&TapeLoop> {
         self.tape_loops.iter().find(|t| t.girth == girth)
     }
+}
+
+/// How far, as a share of the stature, soles may be from the floor
+const FLOOR_SLACK: f64 = 0.003;
+
+/// What is wrong with an avatar
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum AvatarDefect {
+    #[error("{weights} skinning weights for {vertices} vertices")]
+    Weights { weights: usize, vertices: usize },
+    #[error("a position is not finite")]
+    NotFinite,
+    #[error("vertex {vertex} does not exist")]
+    Vertex { vertex: u32 },
+    #[error("the tape loop of {girth:?} has fewer than three vertices")]
+    ShortLoop { girth: Girth },
+    #[error("the lowest point is at {floor_mm:.1} mm instead of the floor")]
+    NotOnTheFloor { floor_mm: f64 },
 }

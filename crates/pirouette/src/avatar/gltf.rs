@@ -1,1 +1,0 @@
-//! Skinned glTF 2.0 and VRM humanoids as avatars.
