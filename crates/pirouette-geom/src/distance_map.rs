@@ -117,6 +117,26 @@ struct Parabola {
 
 /// Distances of one row from the column distances of its pixels
 fn row_distances(columns: &[u32], row: &mut [f32], envelope: &mut Vec<Parabola>) {
+    // Nothing is nearer across a pixel of distance zero, so each gap between such pixels stands alone
+    let mut start = 0;
+    while start < row.len() {
+        if columns[start] == 0 {
+            row[start] = 0.0;
+            // The next gap begins at the last zero of a run
+            if columns.get(start + 1).is_none_or(|&next| next == 0) {
+                start += 1;
+                continue;
+            }
+        }
+        let zero = columns[start + 1..].iter().position(|&d| d == 0);
+        let end = zero.map_or(row.len(), |gap| start + gap + 2);
+        gap_distances(&columns[start..end], &mut row[start..end], envelope);
+        start = if zero.is_some() { end - 1 } else { end };
+    }
+}
+
+/// Distances of a part of a row that nothing outside of it is nearer to
+fn gap_distances(columns: &[u32], row: &mut [f32], envelope: &mut Vec<Parabola>) {
     envelope.clear();
     for (column, &distance) in columns.iter().enumerate() {
         if distance == NONE {
@@ -150,11 +170,13 @@ fn row_distances(columns: &[u32], row: &mut [f32], envelope: &mut Vec<Parabola>)
             .map_or(row.len(), |next| next.from.max(0.0).ceil() as usize)
             .min(row.len());
         let (apex, height) = (parabola.column as f32, parabola.height as f32);
-        for (x, value) in row.iter_mut().enumerate().take(end).skip(start) {
-            let dx = x as f32 - apex;
-            *value = (dx * dx + height).sqrt();
+        if start < end {
+            for (x, value) in (start..end).zip(&mut row[start..end]) {
+                let dx = x as f32 - apex;
+                *value = (dx * dx + height).sqrt();
+            }
+            start = end;
         }
-        start = start.max(end);
     }
 }
 
