@@ -7,7 +7,7 @@
 
 use glam::DVec2;
 
-use crate::Grid;
+use crate::{Grid, Mask};
 
 /// Even slabs per pixel row
 ///
@@ -142,6 +142,50 @@ pub fn fill_polygons(width: usize, height: usize, polygons: &[Vec<DVec2>]) -> Gr
         }
     }
     fill_edges(width, height, &edges)
+}
+
+/// The mask of pixels whose centers lie inside closed polygons
+///
+/// Winding and left out polygons as in [`fill_polygons`].
+///
+/// # Examples
+/// ```
+/// use glam::DVec2;
+/// use pirouette_geom::coverage::mask_of_polygons;
+/// let triangle = vec![DVec2::ZERO, DVec2::new(4.0, 0.0), DVec2::new(0.0, 4.0)];
+/// assert_eq!(mask_of_polygons(4, 3, &[triangle]).to_art(), "###.\n##..\n#...\n");
+/// ```
+pub fn mask_of_polygons(width: usize, height: usize, polygons: &[Vec<DVec2>]) -> Mask {
+    let mut crossings: Vec<Vec<(f64, i32)>> = vec![Vec::new(); height];
+    for polygon in polygons {
+        if !polygon.iter().all(|p| p.is_finite()) {
+            continue;
+        }
+        for (&a, &b) in polygon.iter().zip(polygon.iter().cycle().skip(1)) {
+            let (top, bottom, winding) = if a.y < b.y { (a, b, 1) } else { (b, a, -1) };
+            // Rows whose centers lie from the upper end, included, to the lower end
+            let first = (top.y - 0.5).ceil().clamp(0.0, height as f64) as usize;
+            let end = (bottom.y - 0.5).ceil().clamp(0.0, height as f64) as usize;
+            for (y, row) in crossings.iter_mut().enumerate().take(end).skip(first) {
+                let t = (y as f64 + 0.5 - top.y) / (bottom.y - top.y);
+                row.push((top.x + t * (bottom.x - top.x), winding));
+            }
+        }
+    }
+    let mut mask = Mask::filled(width, height, false);
+    for (y, row) in crossings.iter_mut().enumerate() {
+        row.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let mut winding = 0;
+        for ends in row.windows(2) {
+            winding += ends[0].1;
+            if winding != 0 {
+                let column = |x: f64| (x - 0.5).ceil().clamp(0.0, width as f64) as usize;
+                let (first, end) = (column(ends[0].0), column(ends[1].0));
+                mask.row_mut(y)[first..end.max(first)].fill(true);
+            }
+        }
+    }
+    mask
 }
 
 /// Edges that touch the rows of the grid in the order of their first row, and how many start in each row
@@ -350,7 +394,12 @@ mod tests {
             DVec2::new(3.0, 0.0),
             DVec2::new(3.0, f64::INFINITY),
         ];
-        assert_eq!(total(&fill_polygons(3, 3, &[nan])), 0.0);
+        assert_eq!(total(&fill_polygons(3, 3, std::slice::from_ref(&nan))), 0.0);
+        assert_eq!(mask_of_polygons(3, 3, &[nan, vec![DVec2::ONE]]).area(), 0);
+        assert_eq!(
+            mask_of_polygons(0, 0, &[rectangle(0.0, 0.0, 1.0, 1.0)]).area(),
+            0
+        );
         assert_eq!(
             total(&fill_polygons(3, 3, &[vec![], vec![DVec2::ONE]])),
             0.0
@@ -376,6 +425,19 @@ mod tests {
             let exact = area(&polygon);
             let filled = total(&fill_polygons(40, 40, std::slice::from_ref(&polygon)));
             prop_assert!((filled - exact).abs() <= 1e-3 * exact + 1e-4, "{filled} for {exact}");
+        }
+
+        #[test]
+        fn the_mask_holds_the_pixels_whose_centers_the_polygon_contains(
+            points in prop::collection::vec((-3.0..11.0f64, -3.0..11.0f64), 0..9),
+        ) {
+            let points: Vec<DVec2> = points.iter().map(|&(x, y)| DVec2::new(x, y)).collect();
+            let mask = mask_of_polygons(8, 7, std::slice::from_ref(&points));
+            let contour = crate::contour::Contour { points, hole: false };
+            let slow = Mask::from_fn(8, 7, |x, y| {
+                contour.contains(DVec2::new(x as f64 + 0.5, y as f64 + 0.5))
+            });
+            prop_assert_eq!(mask.to_art(), slow.to_art());
         }
 
         #[test]
