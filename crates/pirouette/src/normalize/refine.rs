@@ -1,0 +1,572 @@
+//! Refinement: each arm and leg is bent at shoulder and elbow, or hip and knee, until its contour lies on
+//! the reference contour.
+//!
+//! The refined joints are the targets of a second deformation. Only bending in the image plane is
+//! undone; a limb hidden by the trunk has too little contour and stays as it is.
+
+use glam::DVec2;
+use pirouette_geom::chain::{Chain, RigidMotion};
+
+use super::register::{ReferenceContourMap, offsets, scattered};
+use crate::skeleton::Joint;
+
+/// Where joints lie in a silhouette, in px, indexed by `Joint as usize`; `None` where unknown
+pub type JointPositions = [Option<DVec2>; Joint::COUNT];
+
+/// How far the hand reaches beyond the wrist, in lengths of the forearm
+///
+/// A stretched hand has about 0.75 of the length from elbow to wrist; relaxed fingers bend a little.
+const HAND_LENGTH: f64 = 0.7;
+
+/// Bones shorter than this have no direction to speak of, in px
+const MIN_BONE_PX: f64 = 2.0;
+
+/// An arm or a leg, the person's own side
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[allow(missing_docs, reason = "the names say it")]
+pub enum Limb {
+    LeftArm,
+    RightArm,
+    LeftLeg,
+    RightLeg,
+}
+
+impl Limb {
+    /// All limbs
+    pub const ALL: [Limb; 4] = [Limb::LeftArm, Limb::RightArm, Limb::LeftLeg, Limb::RightLeg];
+
+    /// Name in files, in snake case
+    pub fn name(self) -> &'static str {
+        match self {
+            Limb::LeftArm => "left_arm",
+            Limb::RightArm => "right_arm",
+            Limb::LeftLeg => "left_leg",
+            Limb::RightLeg => "right_leg",
+        }
+    }
+
+    /// Root, middle and end of the chain
+    pub fn joints(self) -> [Joint; 3] {
+        use Joint::*;
+        match self {
+            Limb::LeftArm => [LeftShoulder, LeftElbow, LeftWrist],
+            Limb::RightArm => [RightShoulder, RightElbow, RightWrist],
+            Limb::LeftLeg => [LeftHip, LeftKnee, LeftAnkle],
+            Limb::RightLeg => [RightHip, RightKnee, RightAnkle],
+        }
+    }
+
+    /// Joints beyond the end of the chain that move with its last bone
+    fn carried(self) -> &'static [Joint] {
+        use Joint::*;
+        match self {
+            Limb::LeftArm | Limb::RightArm => &[],
+            Limb::LeftLeg => &[LeftBigToe, LeftSmallToe, LeftHeel],
+            Limb::RightLeg => &[RightBigToe, RightSmallToe, RightHeel],
+        }
+    }
+}
+
+/// How far and how finely the refinement searches
+///
+/// In each round, every combination of `2 * steps_each_way + 1` angles of either bone around the best so far is
+/// tried; then the step shrinks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RefineOptions {
+    /// Rounds of the search
+    pub rounds: usize,
+    /// Candidates on each side of the best so far
+    pub steps_each_way: usize,
+    /// Distance of angles in the first round, in radians
+    pub step_radians: f64,
+    /// Factor on the step after each round, below 1
+    ///
+    /// Nearer to 1 finds its way through more local minima, and needs more rounds for the same precision.
+    pub shrink: f64,
+    /// Contour points farther from their bone than this are left out, in lengths of the limb
+    ///
+    /// Below 0.15 full thighs lose their contour; much above, the trunk's contour pulls at the limbs.
+    pub reach: f64,
+    /// Contour points nearer to the head of a bone than this are left out, and so are those as near to the
+    /// middle joint on the other side, in lengths of the bone
+    ///
+    /// There the skin follows both sides of the joint. Lower, and the folds of elbow and knee pull at the
+    /// angles; higher, and little contour is left.
+    pub joint_margin: f64,
+    /// Limbs with fewer contour points per bone than this stay as they are
+    pub min_points: usize,
+    /// Gains of the mean distance below this leave the limb as it is, in px
+    ///
+    /// Traced contours are uncertain by a few hundredths of a pixel; less is not worth moving for.
+    pub min_gain_px: f64,
+}
+
+impl Default for RefineOptions {
+    /// 25 degrees each way at first, 0.02 degrees between candidates at last
+    fn default() -> Self {
+        Self {
+            rounds: 18,
+            steps_each_way: 5,
+            step_radians: 5f64.to_radians(),
+            shrink: 0.72,
+            reach: 0.2,
+            joint_margin: 0.15,
+            min_points: 12,
+            min_gain_px: 0.02,
+        }
+    }
+}
+
+/// How one limb was bent
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LimbRefinement {
+    /// Which one
+    pub limb: Limb,
+    /// Turn of the whole limb about shoulder or hip, from x to y (clockwise on screen)
+    pub upper_radians: f64,
+    /// Turn of forearm or shin, in addition, about elbow or knee
+    pub lower_radians: f64,
+    /// Mean distance of the limb's contour points to the reference contour before, in px
+    pub mean_distance_before_px: f64,
+    /// The same after; never more than before
+    pub mean_distance_after_px: f64,
+    /// Contour points of upper arm or thigh, and of forearm and hand or shin and foot
+    pub point_counts: [usize; 2],
+}
+
+/// Joints after refinement
+#[derive(Debug, Clone, PartialEq)]
+pub struct Refinement {
+    /// All joints; those of refined limbs moved
+    pub joints: JointPositions,
+    /// The limbs that could be searched, moved or not; those without joints or contour are missing
+    pub limbs: Vec<LimbRefinement>,
+}
+
+/// Bends arms and legs until their contour points lie nearest to a reference contour
+///
+/// `contour` holds points of the registered silhouette and `joints` its joints, both in the pixels of the
+/// reference view. Each contour point belongs to the nearest bone of the skeleton; the limbs use those of
+/// their own two bones, with hand or foot. Limbs with a missing joint are skipped.
+///
+/// # Source
+/// Zwettler et al. 2021, eq. 5 to 7, read as: contour points of the first bone are rotated by alpha about
+/// the chain's root (5), those of the second bone by alpha about the root and by beta about the middle
+/// joint (6); the fitness is the mean of the reference contour's distance map at the limb's points (7); the
+/// search is that of the registration, with finer last steps. All combinations are tried, since turning one
+/// angle at a time gets stuck where a wrong elbow makes up for a wrong shoulder.
+pub fn refine(
+    contour: &[DVec2],
+    joints: &JointPositions,
+    reference: &ReferenceContourMap,
+    options: &RefineOptions,
+) -> Refinement {
+    let known = joints.map(|joint| joint.filter(|p| p.is_finite()));
+    let parts = assign(&scattered(contour), &known, options);
+    let mut refined = *joints;
+    let mut limbs = Vec::new();
+    for (limb, points) in Limb::ALL.into_iter().zip(&parts) {
+        let Some(chain) = limb_chain(limb, &known) else {
+            continue;
+        };
+        if points.iter().any(|p| p.len() < options.min_points.max(1)) {
+            continue;
+        }
+        let found = search(limb, &chain, points, reference, options);
+        let bent = chain.bent(&[found.upper_radians, found.lower_radians]);
+        let motions = bent.motions_from(&chain);
+        for (joint, position) in limb.joints().into_iter().zip(bent.joints()) {
+            refined[joint as usize] = Some(position);
+        }
+        for &joint in limb.carried() {
+            let moved = known[joint as usize].map(|p| motions[LOWER].apply(p));
+            refined[joint as usize] = moved.or(joints[joint as usize]);
+        }
+        limbs.push(found);
+    }
+    Refinement {
+        joints: refined,
+        limbs,
+    }
+}
+
+const UPPER: usize = 0;
+const LOWER: usize = 1;
+
+/// The chain of a limb, if its joints are known and apart
+fn limb_chain(limb: Limb, joints: &JointPositions) -> Option<Chain> {
+    let [root, middle, end] = limb.joints().map(|joint| joints[joint as usize]);
+    let chain = Chain::from_joints(&[root?, middle?, end?]);
+    let long_enough = chain.bones.iter().all(|bone| bone.length >= MIN_BONE_PX);
+    long_enough.then_some(chain)
+}
+
+/// Searches the two angles of one limb
+fn search(
+    limb: Limb,
+    chain: &Chain,
+    points: &[Vec<DVec2>; 2],
+    reference: &ReferenceContourMap,
+    options: &RefineOptions,
+) -> LimbRefinement {
+    let total = |bone: usize, motion: &RigidMotion, limit: f64| {
+        let turn = DVec2::from_angle(motion.rotation_radians);
+        let turned: Vec<DVec2> = points[bone].iter().map(|&p| turn.rotate(p)).collect();
+        reference.total_distance(&turned, motion.translation, limit)
+    };
+    let fitness = |angles: [f64; 2], limit: f64| {
+        let motions = chain.bent(&angles).motions_from(chain);
+        let upper = total(UPPER, &motions[UPPER], limit);
+        upper + total(LOWER, &motions[LOWER], limit - upper)
+    };
+    let before = fitness([0.0; 2], f64::INFINITY);
+    let mut best = ([0.0; 2], before);
+    let mut step = options.step_radians;
+    for _ in 0..options.rounds {
+        let ([start_upper, start_lower], _) = best;
+        for i in offsets(options.steps_each_way) {
+            for k in offsets(options.steps_each_way) {
+                let angles = [start_upper + i * step, start_lower + k * step];
+                let found = fitness(angles, best.1);
+                if found < best.1 {
+                    best = (angles, found);
+                }
+            }
+        }
+        step *= options.shrink;
+    }
+    let count = (points[UPPER].len() + points[LOWER].len()) as f64;
+    if before - best.1 < options.min_gain_px * count {
+        best = ([0.0; 2], before);
+    }
+    let ([upper_radians, lower_radians], after) = best;
+    LimbRefinement {
+        limb,
+        upper_radians,
+        lower_radians,
+        mean_distance_before_px: before / count,
+        mean_distance_after_px: after / count,
+        point_counts: [points[UPPER].len(), points[LOWER].len()],
+    }
+}
+
+/// A part of a limb
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Upper,
+    Lower,
+    /// Hand or foot, carried by the lower bone
+    End,
+}
+
+/// A bone as it competes for contour points
+struct Segment {
+    head: DVec2,
+    tip: DVec2,
+    /// The limb it belongs to with its part there, none for the trunk and the head
+    owner: Option<(Limb, Part)>,
+}
+
+impl Segment {
+    /// Distance of a point, and how far along the segment the nearest place is, 0 to 1
+    fn distance(&self, point: DVec2) -> (f64, f64) {
+        let along = self.tip - self.head;
+        let length_squared = along.length_squared().max(f64::MIN_POSITIVE);
+        let t = ((point - self.head).dot(along) / length_squared).clamp(0.0, 1.0);
+        (point.distance(self.head + t * along), t)
+    }
+}
+
+/// The contour points of each limb, by bone
+fn assign(
+    points: &[DVec2],
+    joints: &JointPositions,
+    options: &RefineOptions,
+) -> [[Vec<DVec2>; 2]; 4] {
+    let segments = segments(joints);
+    let limits = Limb::ALL.map(|limb| {
+        let chain = limb_chain(limb, joints);
+        chain.map_or(0.0, |c| {
+            options.reach * c.bones.iter().map(|b| b.length).sum::<f64>()
+        })
+    });
+    let mut parts: [[Vec<DVec2>; 2]; 4] = Default::default();
+    for &point in points {
+        let nearest = segments
+            .iter()
+            .map(|segment| (segment.distance(point), segment.owner))
+            .min_by(|((a, _), _), ((b, _), _)| a.total_cmp(b));
+        let Some(((distance, t), Some((limb, part)))) = nearest else {
+            continue;
+        };
+        let margin = options.joint_margin;
+        let (bone, at_joint) = match part {
+            Part::Upper => (UPPER, t <= margin || t >= 1.0 - margin),
+            Part::Lower => (LOWER, t <= margin),
+            Part::End => (LOWER, false),
+        };
+        if !at_joint && distance <= limits[limb as usize] {
+            parts[limb as usize][bone].push(point);
+        }
+    }
+    parts
+}
+
+/// All bones of the skeleton whose joints are known; the trunk also along its sides
+fn segments(joints: &JointPositions) -> Vec<Segment> {
+    use Joint::*;
+    const TRUNK: [(Joint, Joint); 11] = [
+        (Neck, MidHip),
+        (Neck, LeftShoulder),
+        (Neck, RightShoulder),
+        (MidHip, LeftHip),
+        (MidHip, RightHip),
+        // The sides: without them, the flanks would be nearer to the arms than to the spine
+        (LeftShoulder, LeftHip),
+        (RightShoulder, RightHip),
+        (Neck, Nose),
+        (Nose, LeftEar),
+        (Nose, RightEar),
+        (LeftEar, RightEar),
+    ];
+    let at = |joint: Joint| joints[joint as usize];
+    let mut segments: Vec<Segment> = TRUNK
+        .iter()
+        .filter_map(|&(head, tip)| {
+            Some(Segment {
+                head: at(head)?,
+                tip: at(tip)?,
+                owner: None,
+            })
+        })
+        .collect();
+    for limb in Limb::ALL {
+        let [root, middle, end] = limb.joints().map(at);
+        let mut add = |head: Option<DVec2>, tip: Option<DVec2>, part: Part| {
+            if let (Some(head), Some(tip)) = (head, tip) {
+                let owner = Some((limb, part));
+                segments.push(Segment { head, tip, owner });
+            }
+        };
+        add(root, middle, Part::Upper);
+        add(middle, end, Part::Lower);
+        for &joint in limb.carried() {
+            add(end, at(joint), Part::End);
+        }
+        if let (Limb::LeftArm | Limb::RightArm, Some(middle), Some(end)) = (limb, middle, end) {
+            add(
+                Some(end),
+                Some(end + HAND_LENGTH * (end - middle)),
+                Part::End,
+            );
+        }
+    }
+    segments
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pirouette_geom::Grid;
+    use pirouette_geom::contour::trace_outline;
+    use pirouette_geom::coverage::fill_polygons;
+
+    /// A round-ended, tapering bone as a polygon
+    fn capsule(from: DVec2, to: DVec2, radius_from: f64, radius_to: f64) -> Vec<DVec2> {
+        let out = (to - from).try_normalize().unwrap_or(DVec2::X);
+        (0..64)
+            .map(|i| std::f64::consts::PI * (f64::from(i) + 0.5) / 32.0)
+            .map(|t| {
+                let ray = DVec2::from_angle(t).rotate(out);
+                if t.cos() > 0.0 {
+                    to + radius_to * ray
+                } else {
+                    from + radius_from * ray
+                }
+            })
+            .collect()
+    }
+
+    /// Joints of a standing figure, 400 px high, arms slightly out
+    fn standing() -> JointPositions {
+        use Joint::*;
+        let mut joints = [None; Joint::COUNT];
+        for (joint, x, y) in [
+            (Nose, 200.0, 60.0),
+            (Neck, 200.0, 105.0),
+            (RightShoulder, 160.0, 110.0),
+            (RightElbow, 122.0, 175.0),
+            (RightWrist, 90.0, 232.0),
+            (LeftShoulder, 240.0, 110.0),
+            (LeftElbow, 278.0, 175.0),
+            (LeftWrist, 310.0, 232.0),
+            (MidHip, 200.0, 245.0),
+            (RightHip, 178.0, 248.0),
+            (RightKnee, 170.0, 340.0),
+            (RightAnkle, 163.0, 432.0),
+            (LeftHip, 222.0, 248.0),
+            (LeftKnee, 230.0, 340.0),
+            (LeftAnkle, 237.0, 432.0),
+            (LeftBigToe, 250.0, 446.0),
+        ] {
+            joints[joint as usize] = Some(DVec2::new(x, y));
+        }
+        joints
+    }
+
+    fn draw(joints: &JointPositions) -> Grid<f32> {
+        let at = |joint: Joint| joints[joint as usize].unwrap();
+        let mut parts = vec![
+            capsule(at(Joint::Neck), at(Joint::MidHip), 36.0, 36.0),
+            capsule(at(Joint::Neck), at(Joint::Nose), 18.0, 24.0),
+        ];
+        for limb in Limb::ALL {
+            let [root, middle, end] = limb.joints().map(at);
+            let thick = matches!(limb, Limb::LeftLeg | Limb::RightLeg);
+            let [a, b, c] = if thick {
+                [20.0, 14.0, 9.0]
+            } else {
+                [12.0, 9.0, 6.0]
+            };
+            parts.push(capsule(root, middle, a, b));
+            parts.push(capsule(middle, end, b, c));
+        }
+        fill_polygons(400, 480, &parts)
+    }
+
+    /// The figure with limbs bent by degrees at root and middle joint
+    fn bend(joints: &JointPositions, bends: &[(Limb, f64, f64)]) -> JointPositions {
+        let mut bent = *joints;
+        for &(limb, upper, lower) in bends {
+            let chain = limb_chain(limb, joints).unwrap();
+            let moved = chain.bent(&[upper.to_radians(), lower.to_radians()]);
+            for (joint, p) in limb.joints().into_iter().zip(moved.joints()) {
+                bent[joint as usize] = Some(p);
+            }
+        }
+        bent
+    }
+
+    fn contour_of(coverage: &Grid<f32>) -> Vec<DVec2> {
+        let outline = trace_outline(coverage, 0.5);
+        outline.into_iter().flat_map(|c| c.points).collect()
+    }
+
+    #[test]
+    fn aligned_limbs_do_not_move() {
+        let joints = standing();
+        let coverage = draw(&joints);
+        let reference = ReferenceContourMap::from_coverage(&coverage);
+        let found = refine(
+            &contour_of(&coverage),
+            &joints,
+            &reference,
+            &RefineOptions::default(),
+        );
+        assert_eq!(found.limbs.len(), 4);
+        for limb in &found.limbs {
+            assert_eq!(
+                (limb.upper_radians, limb.lower_radians),
+                (0.0, 0.0),
+                "{limb:?}"
+            );
+        }
+        for (a, b) in found.joints.iter().zip(&joints) {
+            assert!(a.is_some() == b.is_some());
+            if let (Some(a), Some(b)) = (a, b) {
+                assert!(a.distance(*b) < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn bends_beyond_the_first_round_are_found_or_left() {
+        let joints = standing();
+        let target = bend(&joints, &[(Limb::LeftArm, -60.0, 20.0)]);
+        let reference = ReferenceContourMap::from_coverage(&draw(&target));
+        let contour = contour_of(&draw(&joints));
+        let found = refine(&contour, &joints, &reference, &RefineOptions::default());
+        for limb in found.limbs {
+            assert!(limb.mean_distance_after_px <= limb.mean_distance_before_px);
+        }
+    }
+
+    #[test]
+    fn known_bends_are_found() {
+        let bends = [
+            (Limb::LeftArm, -14.0, 9.0),
+            (Limb::RightArm, 7.3, -12.6),
+            (Limb::LeftLeg, 3.1, -2.2),
+            (Limb::RightLeg, -4.7, 6.0),
+        ];
+        let joints = standing();
+        let target = bend(&joints, &bends);
+        let reference = ReferenceContourMap::from_coverage(&draw(&target));
+        let contour = contour_of(&draw(&joints));
+        let found = refine(&contour, &joints, &reference, &RefineOptions::default());
+        assert_eq!(found.limbs.len(), 4);
+        for limb in &found.limbs {
+            let (_, upper, lower) = *bends.iter().find(|b| b.0 == limb.limb).unwrap();
+            for (found, bend) in [(limb.upper_radians, upper), (limb.lower_radians, lower)] {
+                assert!((found.to_degrees() - bend).abs() < 0.02, "{bend}: {limb:?}");
+            }
+            assert!(limb.mean_distance_after_px < 0.2);
+        }
+        for (joint, (found, truth)) in found.joints.iter().zip(&target).enumerate() {
+            if let (Some(found), Some(truth)) = (found, truth) {
+                let carried = joint == Joint::LeftBigToe as usize;
+                assert!(carried || found.distance(*truth) < 0.05, "joint {joint}");
+            }
+        }
+    }
+
+    #[test]
+    fn missing_joints_skip_their_limb() {
+        let joints = standing();
+        let coverage = draw(&joints);
+        let reference = ReferenceContourMap::from_coverage(&coverage);
+        let mut holey = joints;
+        holey[Joint::LeftElbow as usize] = None;
+        holey[Joint::RightHip as usize] = Some(DVec2::NAN);
+        let found = refine(
+            &contour_of(&coverage),
+            &holey,
+            &reference,
+            &RefineOptions::default(),
+        );
+        let limbs: Vec<Limb> = found.limbs.iter().map(|l| l.limb).collect();
+        assert_eq!(limbs, [Limb::RightArm, Limb::LeftLeg]);
+        assert_eq!(found.joints[Joint::LeftElbow as usize], None);
+        assert_eq!(
+            found.joints[Joint::LeftWrist as usize],
+            joints[Joint::LeftWrist as usize]
+        );
+    }
+
+    #[test]
+    fn poison_moves_nothing() {
+        let joints = standing();
+        let contour = contour_of(&draw(&joints));
+        let nothing = ReferenceContourMap::from_coverage(&Grid::filled(0, 0, 0.0));
+        let options = RefineOptions::default();
+        for limb in refine(&contour, &joints, &nothing, &options).limbs {
+            assert_eq!((limb.upper_radians, limb.lower_radians), (0.0, 0.0));
+        }
+        let reference = ReferenceContourMap::from_coverage(&draw(&joints));
+        assert!(refine(&[], &joints, &reference, &options).limbs.is_empty());
+        assert!(
+            refine(&[DVec2::NAN; 9], &joints, &reference, &options)
+                .limbs
+                .is_empty()
+        );
+        let collapsed = [Some(DVec2::splat(200.0)); Joint::COUNT];
+        let none = refine(&contour, &collapsed, &reference, &options);
+        assert!(none.limbs.is_empty() && none.joints == collapsed);
+        let far = [Some(DVec2::splat(f64::MAX)); Joint::COUNT];
+        assert!(
+            refine(&contour, &far, &reference, &options)
+                .limbs
+                .is_empty()
+        );
+    }
+}
