@@ -1,1 +1,18 @@
-//! GrabCut: from a photo and a seed mask to a silhouette.
+//! GrabCut: from photos and what is known beforehand to silhouettes.
+//!
+//! Knows pixels and [`seeds`], nothing of persons. [`grabcut`] cuts one photo by itself; [`scene`] cuts
+//! several photos of one person before one background together, with shared color models, a background
+//! plate and a border finer than a pixel.
+//!
+//! Guarantees: sure seeds are never changed, the same input gives the same mask on every machine, colors
+//! and seeds of any kind give a mask or a typed error. Does not find persons, and does not shrink large
+//! photos.
+
+pub mod band;
+pub mod border;
+pub mod color_model;
+pub mod grabcut;
+pub mod max_flow;
+pub mod plate;
+pub mod scene;
+pub mod seeds;

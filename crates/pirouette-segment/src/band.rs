@@ -1,0 +1,277 @@
+//! The cut through the undecided band of one photo.
+
+use pirouette_geom::{Grid, Mask};
+
+use crate::color_model::exp_of_negative;
+use crate::max_flow::{DIRECTIONS, GridCut};
+use crate::plate::{BackgroundPlate, squared_distance};
+use crate::seeds::{Seed, Window};
+
+/// Capacity of one unit of energy; whole numbers make the cut exact
+const CAPACITY_SCALE: f32 = 256.0;
+
+/// Energies beyond this are as good as certain, and capacities stay far from overflow
+const MAX_ENERGY: f32 = 50_000.0;
+
+/// Pixels around the undecided ones that the contrast is averaged over too
+const MARGIN: usize = 2;
+
+/// Squared step of the plate, in squared levels, that halves the contrast of a pair of pixels
+const ATTENUATION_STEP: f32 = 25.0;
+
+/// Squared distance to the plate, in squared levels, at which attenuation has faded to 1/e: a pair that
+/// differs from the plate belongs to the person or to its outline
+const ATTENUATION_REACH: f32 = 200.0;
+
+/// The undecided pixels of one photo, linked by how much neighbors look alike
+///
+/// Everything works on the box of the undecided pixels. The links are made once; every
+/// [`BandCut::solve`] continues from the flow of the last one.
+#[derive(Debug)]
+pub struct BandCut {
+    window: Option<Window>,
+    /// Undecided pixels in photo coordinates, in the order of the nodes
+    pixels: Vec<(u32, u32)>,
+    cut: GridCut,
+    /// Data terms of the last cut, in capacity
+    terminals: Vec<i32>,
+}
+
+impl BandCut {
+    /// Links the undecided pixels of a photo
+    ///
+    /// Neighbors `p`, `q` cost `smoothness / dist(p, q) * exp(-beta |I_p - I_q|^2)` when they are parted, `beta` one
+    /// over twice the mean squared contrast. With a `plate`, contrast that the background shows too counts
+    /// less.
+    ///
+    /// # Panics
+    /// When photo and seeds differ in size.
+    ///
+    /// # Source
+    /// C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut, equations 4, 5 and 11. Attenuation: J. Sun,
+    /// W. Zhang, X. Tang, H. Shum, 2006, Background cut, equation 6.
+    pub fn new(
+        photo: &Grid<[u8; 3]>,
+        seeds: &Grid<Seed>,
+        smoothness: f32,
+        plate: Option<&BackgroundPlate>,
+    ) -> Self {
+        assert!(photo.same_size(seeds), "one seed per pixel");
+        let undecided = seeds.map(|seed| seed.undecided());
+        let Some(window) = Window::around(&undecided, MARGIN) else {
+            return Self {
+                window: None,
+                pixels: Vec::new(),
+                cut: GridCut::new(&Mask::filled(0, 0, false)),
+                terminals: Vec::new(),
+            };
+        };
+        let mut cut = GridCut::new(&window.crop(&undecided));
+        let mut pixels = Vec::with_capacity(cut.node_count());
+        for y in 0..window.height {
+            let row = window.row(&undecided, y).iter().enumerate();
+            pixels.extend(
+                row.filter(|(_, u)| **u)
+                    .map(|(x, _)| ((window.x0 + x) as u32, (window.y0 + y) as u32)),
+            );
+        }
+        let beta = contrast_scale(photo, window);
+        for (node, &(x, y)) in pixels.iter().enumerate() {
+            let (x, y) = (x as usize, y as usize);
+            for (direction, (dx, dy)) in DIRECTIONS.into_iter().enumerate() {
+                let (other_x, other_y) = (x as isize + dx, y as isize + dy);
+                let Some(&seed) = seeds.get(other_x, other_y) else {
+                    continue;
+                };
+                // links between nodes are made from the first of the two
+                if seed.undecided() && direction % 2 == 1 {
+                    continue;
+                }
+                let other = (other_x as usize, other_y as usize);
+                let contrast = contrast(photo, plate, (x, y), other);
+                let distance = if direction < 4 {
+                    1.0
+                } else {
+                    std::f32::consts::SQRT_2
+                };
+                let energy = smoothness / distance * exp_of_negative(-beta * contrast);
+                let capacity = capacity(energy);
+                match seed {
+                    Seed::Person => cut.add_terminal(node, capacity),
+                    Seed::Background => cut.add_terminal(node, -capacity),
+                    _ => cut.add_link(node, direction, capacity),
+                }
+            }
+        }
+        Self {
+            window: Some(window),
+            terminals: vec![0; pixels.len()],
+            pixels,
+            cut,
+        }
+    }
+
+    /// Column and row of every undecided pixel, row by row
+    pub fn pixels(&self) -> &[(u32, u32)] {
+        &self.pixels
+    }
+
+    /// Labels the undecided pixels by the cheapest cut
+    ///
+    /// `log_odds`: how much likelier each of [`BandCut::pixels`] is person than background, natural logarithm; what
+    /// is not a number counts as even.
+    ///
+    /// # Panics
+    /// When there is not one value per undecided pixel.
+    pub fn solve(&mut self, log_odds: &[f32]) {
+        assert_eq!(
+            log_odds.len(),
+            self.pixels.len(),
+            "one value per undecided pixel"
+        );
+        for (node, (terminal, &odds)) in self.terminals.iter_mut().zip(log_odds).enumerate() {
+            let wanted = capacity(odds);
+            self.cut.add_terminal(node, wanted - *terminal);
+            *terminal = wanted;
+        }
+        self.cut.solve();
+    }
+
+    /// The seeds with every undecided pixel decided by the last cut
+    pub fn mask(&self, seeds: &Grid<Seed>) -> Mask {
+        let mut mask = seeds.map(|seed| *seed == Seed::Person);
+        for (node, &(x, y)) in self.pixels.iter().enumerate() {
+            mask[(x as usize, y as usize)] = self.cut.on_source_side(node);
+        }
+        mask
+    }
+
+    /// Whether there is anything to decide
+    pub fn undecided(&self) -> bool {
+        self.window.is_some()
+    }
+}
+
+fn capacity(energy: f32) -> i32 {
+    // a cast takes NaN to zero
+    (energy.clamp(-MAX_ENERGY, MAX_ENERGY) * CAPACITY_SCALE).round() as i32
+}
+
+/// One over twice the mean squared contrast of neighbors; 0 for a flat photo
+fn contrast_scale(photo: &Grid<[u8; 3]>, window: Window) -> f32 {
+    let (mut sum, mut count) = (0_u64, 0_u64);
+    for y in 0..window.height {
+        let row = window.row(photo, y);
+        for pair in row.windows(2) {
+            sum += u64::from(squared_distance(pair[0], pair[1]));
+        }
+        count += row.len() as u64 - 1;
+        if y + 1 == window.height {
+            continue;
+        }
+        let below = window.row(photo, y + 1);
+        for (a, b) in row.iter().zip(below) {
+            sum += u64::from(squared_distance(*a, *b));
+        }
+        for (a, b) in row.iter().zip(&below[1..]) {
+            sum += u64::from(squared_distance(*a, *b));
+        }
+        for (a, b) in row[1..].iter().zip(below) {
+            sum += u64::from(squared_distance(*a, *b));
+        }
+        count += 3 * row.len() as u64 - 2;
+    }
+    if sum == 0 {
+        0.0
+    } else {
+        (count as f64 / (2.0 * sum as f64)) as f32
+    }
+}
+
+/// Squared contrast of two pixels, less what the plate shows of it
+fn contrast(
+    photo: &Grid<[u8; 3]>,
+    plate: Option<&BackgroundPlate>,
+    a: (usize, usize),
+    b: (usize, usize),
+) -> f32 {
+    let (color_a, color_b) = (photo[a], photo[b]);
+    let contrast = squared_distance(color_a, color_b) as f32;
+    let Some(plate) = plate else { return contrast };
+    let (Some(plate_a), Some(plate_b)) = (plate.color(a.0, a.1), plate.color(b.0, b.1)) else {
+        return contrast;
+    };
+    let step = squared_distance(plate_a, plate_b) as f32;
+    let foreign = squared_distance(color_a, plate_a).max(squared_distance(color_b, plate_b));
+    contrast
+        / (1.0 + step / ATTENUATION_STEP * exp_of_negative(-(foreign as f32) / ATTENUATION_REACH))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seeds(art: &str) -> Grid<Seed> {
+        let rows: Vec<&str> = art.split_whitespace().collect();
+        Grid::from_fn(rows[0].len(), rows.len(), |x, y| {
+            match rows[y].as_bytes()[x] {
+                b'#' => Seed::Person,
+                b'+' => Seed::ProbablePerson,
+                b'-' => Seed::ProbableBackground,
+                _ => Seed::Background,
+            }
+        })
+    }
+
+    #[test]
+    fn without_colors_the_cut_follows_the_contrast() {
+        let photo = Grid::from_fn(8, 3, |x, _| if x < 3 { [200; 3] } else { [20; 3] });
+        let seeds = seeds("#------. #------. #------.");
+        let mut band = BandCut::new(&photo, &seeds, 50.0, None);
+        band.solve(&[0.0; 18]);
+        assert_eq!(
+            band.mask(&seeds),
+            Mask::from_art("###..... ###..... ###.....")
+        );
+    }
+
+    #[test]
+    fn nothing_undecided_leaves_the_seeds() {
+        let photo = Grid::filled(3, 1, [5; 3]);
+        let seeds = seeds(".#.");
+        let mut band = BandCut::new(&photo, &seeds, 50.0, None);
+        band.solve(&[]);
+        assert!(!band.undecided());
+        assert_eq!(band.mask(&seeds), Mask::from_art(".#."));
+    }
+
+    #[test]
+    fn strong_odds_win_over_smoothness_and_nan_is_even() {
+        let photo = Grid::filled(5, 1, [5; 3]);
+        let seeds = seeds("#---.");
+        let mut band = BandCut::new(&photo, &seeds, 1.0, None);
+        band.solve(&[-9.0, f32::NAN, 9.0]);
+        let mask = band.mask(&seeds);
+        assert!(mask[(0, 0)] && !mask[(1, 0)] && mask[(3, 0)] && !mask[(4, 0)]);
+        band.solve(&[9.0, 9.0, -9.0]);
+        assert_eq!(band.mask(&seeds), Mask::from_art("###.."));
+    }
+
+    #[test]
+    fn an_edge_of_the_plate_does_not_attract_the_cut() {
+        // the wall changes its color at column 4, the person's coat is a little darker up to column 2
+        let wall = |x: usize| if x < 4 { [200_u8; 3] } else { [90; 3] };
+        let photo = Grid::from_fn(8, 4, |x, _| if x < 3 { [170; 3] } else { wall(x) });
+        let empty = Grid::from_fn(8, 4, |x, _| wall(x));
+        let all = Mask::filled(8, 4, true);
+        let plate = BackgroundPlate::estimate(&[(&empty, &all)], &Default::default()).unwrap();
+        let seeds = seeds("#------. #------. #------. #------.");
+        let area = |plate| {
+            let mut band = BandCut::new(&photo, &seeds, 50.0, plate);
+            band.solve(&[0.0; 24]);
+            band.mask(&seeds).area()
+        };
+        assert_eq!(area(None), 16);
+        assert_eq!(area(Some(&plate)), 12);
+    }
+}

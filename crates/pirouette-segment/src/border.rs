@@ -1,0 +1,267 @@
+//! From a cut to a silhouette: crumbs removed, and the border at less than a pixel.
+
+use pirouette_geom::distance_map::{distance_to, signed_distance};
+use pirouette_geom::morphology::{erode, fill_holes_below, largest_component};
+use pirouette_geom::{Grid, Mask};
+
+use crate::plate::{BackgroundPlate, blur};
+use crate::seeds::Window;
+
+/// Removes crumbs, hairs and islands from a mask; `scale` 1 is for a person of about 800 px
+///
+/// Keeps what lies within `2 scale` px of where a disc of that radius fits, of that the largest component, and fills
+/// holes of fewer than `60 scale^2` px. Larger holes, between the legs or under an arm, stay open.
+pub fn clean(mask: &Mask, scale: f64) -> Mask {
+    const DISC_PX: f64 = 2.0;
+    let fill = |mask: &Mask| fill_crumbs(mask, scale);
+    let Some(window) = Window::around(mask, (3.0 * DISC_PX * scale).ceil() as usize + 1) else {
+        return mask.clone();
+    };
+    let part = window.crop(mask);
+    let core = erode(&part, DISC_PX * scale);
+    if core.bounding_box().is_none() {
+        return fill(&largest_component(mask));
+    }
+    // a disc around the eroded mask gives the opened one; twice its radius what is near that
+    let reach = (2.0 * DISC_PX * scale).max(1.0) as f32 + 1e-3;
+    let near = distance_to(&core);
+    let kept: Vec<bool> = part
+        .as_slice()
+        .iter()
+        .zip(near.as_slice())
+        .map(|(&inside, &distance)| inside && distance <= reach)
+        .collect();
+    let kept = Mask::from_vec(part.width(), part.height(), kept);
+    let mut out = Mask::filled(mask.width(), mask.height(), false);
+    window.paste(&fill(&largest_component(&kept)), &mut out);
+    out
+}
+
+/// Fills holes of fewer than `60 scale^2` px
+fn fill_crumbs(mask: &Mask, scale: f64) -> Mask {
+    const HOLE_PX: f64 = 60.0;
+    fill_holes_below(mask, (HOLE_PX * scale * scale) as usize)
+}
+
+/// How much of each pixel is person, from the colors on both sides of a mask's border
+///
+/// A cut counts mixed pixels as person; here the share follows from where the pixel's color lies between the local
+/// color of the person and that of the background (the `plate` where there is one). Where the two look
+/// alike the cut decides. The 0.5 level of the result is the outline. `scale` 1 is for a person of about
+/// 800 px.
+///
+/// # Panics
+/// When photo and mask differ in size.
+pub fn soft_border(
+    photo: &Grid<[u8; 3]>,
+    mask: &Mask,
+    plate: Option<&BackgroundPlate>,
+    scale: f64,
+) -> Grid<f32> {
+    assert!(photo.same_size(mask), "photo and mask of one size");
+    /// The border is looked for this far from the mask's, in px
+    const BAND_PX: f32 = 3.0;
+    /// Pixels deeper than this show one side only, in px
+    const PURE_PX: f32 = 2.0;
+    /// Reach of the local colors, in px
+    const LOCAL_SIGMA_PX: f32 = 2.0;
+    /// Colors nearer than this cannot be unmixed, in levels
+    const MIN_CONTRAST: f32 = 15.0;
+    /// Blur where colors do not help, and in the end, in px
+    const HARD_BLUR_PX: f32 = 0.7;
+    const FINAL_BLUR_PX: f32 = 0.6;
+
+    // below the scale 1 the blur of the camera does not shrink along
+    let scale = scale.clamp(1.0, 4.0) as f32;
+    let (band, pure) = (BAND_PX * scale, PURE_PX * scale);
+    let reach = (3.0 * LOCAL_SIGMA_PX * scale).ceil() as usize;
+    let mut soft = Grid::filled(mask.width(), mask.height(), 0.0_f32);
+    let Some(window) = Window::around(mask, reach + band as usize + 2) else {
+        return soft;
+    };
+    let inside = window.crop(mask);
+    let depth = signed_distance(&inside).map(|d| -d);
+    let mut blurred = inside.map(|&v| if v { 1.0 } else { 0.0 });
+    blur(&mut blurred, HARD_BLUR_PX);
+    let weights: Vec<f32> = (0..=2 * reach)
+        .map(|i| {
+            let offset = (i as f32 - reach as f32) / (LOCAL_SIGMA_PX * scale);
+            (-0.5 * offset * offset).exp()
+        })
+        .collect();
+    let mut part = Grid::filled(window.width, window.height, 0.0_f32);
+    for y in 0..window.height {
+        for x in 0..window.width {
+            let d = depth[(x, y)];
+            if d.abs() > band {
+                part[(x, y)] = if d > 0.0 { 1.0 } else { 0.0 };
+                continue;
+            }
+            part[(x, y)] = blurred[(x, y)];
+            let background = plate.and_then(|p| p.color(window.x0 + x, window.y0 + y));
+            let mut person = LocalMean::default();
+            let mut behind = LocalMean::default();
+            let rows = y.saturating_sub(reach)..(y + reach + 1).min(window.height);
+            let columns = x.saturating_sub(reach)..(x + reach + 1).min(window.width);
+            for other_y in rows {
+                let weight_y = weights[other_y + reach - y];
+                let colors = &window.row(photo, other_y)[columns.clone()];
+                let depths = &depth.row(other_y)[columns.clone()];
+                let weights = &weights[columns.start + reach - x..];
+                for ((color, &depth), &weight_x) in colors.iter().zip(depths).zip(weights) {
+                    if depth > pure {
+                        person.add(*color, weight_x * weight_y);
+                    } else if depth < -pure && background.is_none() {
+                        behind.add(*color, weight_x * weight_y);
+                    }
+                }
+            }
+            let (Some(person), Some(behind)) = (
+                person.color(),
+                background.map_or_else(|| behind.color(), |b| Some(b.map(f32::from))),
+            ) else {
+                continue;
+            };
+            let color = window.row(photo, y)[x].map(f32::from);
+            let (mut along, mut length) = (0.0, 0.0);
+            for channel in 0..3 {
+                let step = person[channel] - behind[channel];
+                along += (color[channel] - behind[channel]) * step;
+                length += step * step;
+            }
+            if length > MIN_CONTRAST * MIN_CONTRAST {
+                part[(x, y)] = (along / length).clamp(0.0, 1.0);
+            }
+        }
+    }
+    blur(&mut part, FINAL_BLUR_PX);
+    window.paste(&part, &mut soft);
+    soft
+}
+
+/// Drops from a soft mask what hangs together with nothing: the mask of its largest part, without small holes, and
+/// the soft values up to `2 scale` px around it
+pub fn tidy_soft(soft: &mut Grid<f32>, scale: f64) -> Mask {
+    const FRINGE_PX: f64 = 2.0;
+    let hard = soft.threshold(0.5);
+    let Some(window) = Window::around(&hard, (FRINGE_PX * scale).ceil() as usize + 1) else {
+        return hard;
+    };
+    let part = fill_crumbs(&largest_component(&window.crop(&hard)), scale);
+    let near = distance_to(&part);
+    let fringe = (FRINGE_PX * scale).max(1.5) as f32;
+    let mut tidy = window.crop(soft);
+    for ((value, &inside), &distance) in tidy
+        .as_mut_slice()
+        .iter_mut()
+        .zip(part.as_slice())
+        .zip(near.as_slice())
+    {
+        if distance > fringe {
+            *value = 0.0;
+        } else if inside {
+            // filled holes
+            *value = value.max(0.5);
+        } else if *value >= 0.5 {
+            // another part that almost touches
+            *value = 0.499;
+        }
+    }
+    soft.as_mut_slice().fill(0.0);
+    window.paste(&tidy, soft);
+    let mut mask = Mask::filled(hard.width(), hard.height(), false);
+    window.paste(&part, &mut mask);
+    mask
+}
+
+#[derive(Default)]
+struct LocalMean {
+    sum: [f32; 3],
+    weight: f32,
+}
+
+impl LocalMean {
+    fn add(&mut self, color: [u8; 3], weight: f32) {
+        self.weight += weight;
+        for (sum, value) in self.sum.iter_mut().zip(color) {
+            *sum += weight * f32::from(value);
+        }
+    }
+
+    /// `None` when hardly anything was added
+    fn color(&self) -> Option<[f32; 3]> {
+        /// A pixel of full weight nearby counts 1; below this only the far tails were met
+        const MIN_WEIGHT: f32 = 0.02;
+        (self.weight > MIN_WEIGHT).then(|| self.sum.map(|s| s / self.weight))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cleaning_keeps_large_holes_and_drops_islands() {
+        let ring = Grid::from_fn(60, 40, |x, y| {
+            let hole = (20..32).contains(&x) && (12..28).contains(&y);
+            let pinhole = x == 12 && y == 12;
+            let hair = y == 20 && (45..55).contains(&x);
+            let island = (55..60).contains(&x) && y < 5;
+            ((5..45).contains(&x) && (5..35).contains(&y) && !hole && !pinhole) || hair || island
+        });
+        let mask = clean(&ring, 1.0);
+        assert!(!mask[(25, 20)], "the large hole stays");
+        assert!(mask[(12, 12)], "the pinhole is filled");
+        assert!(!mask[(52, 20)], "the hair is gone");
+        assert!(!mask[(57, 2)], "the island is gone");
+        assert!(mask[(5, 5)], "corners stay");
+    }
+
+    #[test]
+    fn cleaning_a_thin_figure_keeps_it() {
+        let line = Mask::from_art("..... ##### .....");
+        assert_eq!(clean(&line, 1.0), line);
+        let empty = Mask::filled(3, 3, false);
+        assert_eq!(clean(&empty, 1.0), empty);
+    }
+
+    #[test]
+    fn a_mixed_column_gets_its_share() {
+        let photo = Grid::from_fn(40, 20, |x, _| match x {
+            0..20 => [200, 100, 50],
+            20 => [80, 70, 65],
+            _ => [40, 60, 70],
+        });
+        // a quarter of column 20 is person, but the mask has all of it
+        let mask = Grid::from_fn(40, 20, |x, y| x <= 20 && (2..18).contains(&y));
+        let soft = soft_border(&photo, &mask, None, 1.0);
+        assert!(soft[(20, 10)] > 0.15 && soft[(20, 10)] < 0.4);
+        assert!(soft[(18, 10)] > 0.95 && soft[(23, 10)] < 0.05);
+        assert!(soft.as_slice().iter().all(|v| (0.0..=1.0001).contains(v)));
+    }
+
+    #[test]
+    fn without_contrast_the_mask_decides() {
+        let photo = Grid::filled(30, 30, [90; 3]);
+        let mask = Grid::from_fn(30, 30, |x, y| (8..22).contains(&x) && (8..22).contains(&y));
+        let soft = soft_border(&photo, &mask, None, 1.0);
+        assert_eq!(soft.threshold(0.5), mask);
+        let empty = Mask::filled(30, 30, false);
+        let soft = soft_border(&photo, &empty, None, 1.0);
+        assert!(soft.as_slice().iter().all(|&v| v == 0.0));
+    }
+
+    #[test]
+    fn tidying_drops_separate_parts() {
+        let mut soft = Grid::from_fn(20, 6, |x, _| match x {
+            0..8 => 1.0,
+            8 => 0.3,
+            14..16 => 0.8,
+            _ => 0.0,
+        });
+        let mask = tidy_soft(&mut soft, 1.0);
+        assert_eq!(mask.area(), 48);
+        assert_eq!(soft[(8, 3)], 0.3);
+        assert_eq!(soft[(14, 3)], 0.0);
+    }
+}

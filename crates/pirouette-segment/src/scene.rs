@@ -1,0 +1,567 @@
+//! All photos of one person before one background, segmented together.
+//!
+//! Views share one color model of the person and one of the background, and, when the camera stood still, a
+//! background plate. Works in passes: models and plate come from the seeds first, then from the last pass.
+
+use pirouette_geom::morphology::dilate;
+use pirouette_geom::{Grid, Mask};
+use rayon::prelude::*;
+
+use crate::band::BandCut;
+use crate::border::{clean, soft_border, tidy_soft};
+use crate::color_model::{ColorModel, ColorModelOptions};
+use crate::grabcut::{GrabCutError, check_size};
+use crate::plate::{BackgroundPlate, PlateOptions};
+use crate::seeds::{LogOdds, Seed};
+
+/// One photo with what is known of it beforehand
+#[derive(Debug, Clone, Copy)]
+pub struct SceneView<'a> {
+    /// The photo
+    pub photo: &'a Grid<[u8; 3]>,
+    /// One per pixel; when nothing is undecided the view only helps the others
+    pub seeds: &'a Grid<Seed>,
+    /// Adds to the log odds of the colors; `None` is even odds everywhere
+    pub prior: Option<&'a Grid<LogOdds>>,
+    /// Height of the person in px over 800; all lengths in px grow with it
+    pub scale: f64,
+}
+
+/// How the photos of a scene are segmented
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SceneOptions {
+    /// Passes; the second takes its samples from the first, a third changes nothing worth its time
+    pub passes: usize,
+    /// One pair of color models for all views instead of a pair for each
+    pub shared_models: bool,
+    /// Use of the background plate; `None` for a camera that moves
+    pub plate: Option<PlateOptions>,
+    /// Views deviate by fewer levels than this where the camera stood still; above, the plate is dropped
+    pub max_unrest: f32,
+    /// Whether contrast that the plate shows too counts less
+    pub attenuation: bool,
+    /// Cost of parting two alike neighbors
+    pub smoothness: f32,
+    /// Largest say of one pixel's color, as log odds
+    pub color_limit: f32,
+    /// Background samples come from this far around the undecided band, in px of a person of 800 px
+    pub sample_reach_px: f64,
+    /// The color models of both sides
+    pub color_model: ColorModelOptions,
+    /// Whether the border is unmixed; otherwise the soft mask is the blurred cut
+    pub unmix_border: bool,
+}
+
+impl Default for SceneOptions {
+    fn default() -> Self {
+        Self {
+            passes: 2,
+            shared_models: true,
+            plate: Some(PlateOptions::default()),
+            max_unrest: 12.0,
+            attenuation: true,
+            smoothness: 50.0,
+            color_limit: 12.0,
+            sample_reach_px: 20.0,
+            color_model: ColorModelOptions::default(),
+            unmix_border: true,
+        }
+    }
+}
+
+/// The person in one photo
+#[derive(Debug, Clone)]
+pub struct SceneMask {
+    /// The soft mask where it is at least one half; one component, large holes open
+    pub mask: Mask,
+    /// Share of each pixel that is person, 0 to 1
+    pub soft: Grid<f32>,
+}
+
+/// What came of a scene
+#[derive(Debug, Clone)]
+pub struct SceneResult {
+    /// One per view
+    pub masks: Vec<Result<SceneMask, GrabCutError>>,
+    /// Whether a background plate was used, by any view
+    pub plate_used: bool,
+}
+
+/// Share of the plate in the density of the background; the rest is for what moved or throws light
+const PLATE_SHARE: f32 = 0.95;
+
+/// In later passes the plate takes what is this far outside the last mask, in px of a person of 800 px
+const PLATE_MARGIN_PX: f64 = 6.0;
+
+/// The same for the final plate, which unmixes the border
+const FINAL_PLATE_MARGIN_PX: f64 = 4.0;
+
+/// Every so many-th pixel is a sample of the shared models
+const SHARED_SAMPLE_STEP: usize = 4;
+
+/// Segments all photos of one scene together
+///
+/// Views may differ in size; the plate is made of the views of each size apart, and needs two of them. A view that
+/// fails takes no other one down.
+///
+/// # Source
+/// After C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut, with the background model of J. Sun, W. Zhang,
+/// X. Tang, H. Shum, 2006, Background cut: a Gaussian per pixel mixed with the global model.
+pub fn segment_scene(
+    views: &[SceneView],
+    options: &SceneOptions,
+    cancelled: &(dyn Fn() -> bool + Sync),
+) -> SceneResult {
+    let mut states: Vec<Result<ViewState, GrabCutError>> = views
+        .par_iter()
+        .map(|view| ViewState::new(view, options))
+        .collect();
+    let mut plate_used = false;
+    for pass in 0..options.passes.max(1) {
+        let margin = (pass > 0).then_some(PLATE_MARGIN_PX);
+        let plates = Plates::estimate(views, &states, options, margin);
+        plate_used = plates.any();
+        let models = Models::fit(views, &states, options);
+        let next: Vec<Option<Result<Mask, GrabCutError>>> = views
+            .par_iter()
+            .zip(&states)
+            .enumerate()
+            .map(|(index, (view, state))| {
+                let state = state.as_ref().ok()?;
+                if cancelled() {
+                    return Some(Err(GrabCutError::Cancelled));
+                }
+                let plate = plates.of(index);
+                Some(
+                    models
+                        .of(index)
+                        .map(|pair| cut_view(view, state, pair, plate, options)),
+                )
+            })
+            .collect();
+        for (state, next) in states.iter_mut().zip(next) {
+            match (state.as_mut(), next) {
+                (Ok(state), Some(Ok(mask))) => state.mask = mask,
+                (Ok(_), Some(Err(error))) => *state = Err(error),
+                _ => {}
+            }
+        }
+    }
+    let plates = if options.unmix_border {
+        Plates::estimate(views, &states, options, Some(FINAL_PLATE_MARGIN_PX))
+    } else {
+        Plates::none(views.len())
+    };
+    let masks = views
+        .par_iter()
+        .zip(states)
+        .enumerate()
+        .map(|(index, (view, state))| {
+            let state = state?;
+            if cancelled() {
+                return Err(GrabCutError::Cancelled);
+            }
+            Ok(finish(view, state, plates.of(index), options))
+        })
+        .collect();
+    SceneResult { masks, plate_used }
+}
+
+/// What changes from pass to pass
+struct ViewState {
+    mask: Mask,
+    /// Pixels whose colors are samples of the background, when they are not person
+    sampled: Mask,
+}
+
+impl ViewState {
+    fn new(view: &SceneView, options: &SceneOptions) -> Result<Self, GrabCutError> {
+        check_size("seeds", view.photo, view.seeds)?;
+        if let Some(prior) = view.prior {
+            check_size("prior", view.photo, prior)?;
+        }
+        let reach = options.sample_reach_px * view.scale;
+        let mut band = view.seeds.map(|seed| *seed != Seed::Background);
+        // a view without a band of its own still shows the background around the person
+        if reach >= 1.0 {
+            band = dilate(&band, reach);
+        }
+        Ok(Self {
+            mask: view.seeds.map(|seed| seed.person()),
+            sampled: band,
+        })
+    }
+}
+
+/// Background plates, one for each size of the photos
+struct Plates {
+    plates: Vec<BackgroundPlate>,
+    /// For each view its plate
+    index: Vec<Option<usize>>,
+}
+
+impl Plates {
+    fn none(count: usize) -> Self {
+        Self {
+            plates: Vec::new(),
+            index: vec![None; count],
+        }
+    }
+
+    /// `margin`: distance from the masks that is surely background, in px of a person of 800 px; `None`: the seeds
+    /// tell
+    fn estimate(
+        views: &[SceneView],
+        states: &[Result<ViewState, GrabCutError>],
+        options: &SceneOptions,
+        margin: Option<f64>,
+    ) -> Self {
+        let mut plates = Self::none(views.len());
+        let Some(plate_options) = options.plate else {
+            return plates;
+        };
+        let mut done = vec![false; views.len()];
+        for first in 0..views.len() {
+            let group: Vec<usize> = (first..views.len())
+                .filter(|&i| {
+                    !done[i] && states[i].is_ok() && views[i].photo.same_size(views[first].photo)
+                })
+                .collect();
+            for &i in &group {
+                done[i] = true;
+            }
+            if group.len() < 2 {
+                continue;
+            }
+            let backgrounds: Vec<Mask> = group
+                .par_iter()
+                .map(|&i| match (&states[i], margin) {
+                    (Ok(state), Some(margin)) => {
+                        let near = dilate(&state.mask, margin * views[i].scale);
+                        outside(&near, views[i].seeds)
+                    }
+                    _ => views[i].seeds.map(|seed| *seed == Seed::Background),
+                })
+                .collect();
+            let group_views: Vec<_> = group
+                .iter()
+                .zip(&backgrounds)
+                .map(|(&i, background)| (views[i].photo, background))
+                .collect();
+            let Some(plate) = BackgroundPlate::estimate(&group_views, &plate_options) else {
+                continue;
+            };
+            if plate.unrest() > options.max_unrest {
+                continue;
+            }
+            for &i in &group {
+                plates.index[i] = Some(plates.plates.len());
+            }
+            plates.plates.push(plate);
+        }
+        plates
+    }
+
+    fn of(&self, view: usize) -> Option<&BackgroundPlate> {
+        self.index[view].map(|plate| &self.plates[plate])
+    }
+
+    fn any(&self) -> bool {
+        !self.plates.is_empty()
+    }
+}
+
+/// What is not near the mask, or was background from the start
+fn outside(near: &Mask, seeds: &Grid<Seed>) -> Mask {
+    let values = near
+        .as_slice()
+        .iter()
+        .zip(seeds.as_slice())
+        .map(|(&near, &seed)| !near || seed == Seed::Background)
+        .collect();
+    Mask::from_vec(near.width(), near.height(), values)
+}
+
+/// Color models of person and background
+struct ModelPair {
+    person: ColorModel,
+    background: ColorModel,
+}
+
+/// One pair for all views, or one for each
+enum Models {
+    Shared(Result<ModelPair, GrabCutError>),
+    Own(Vec<Result<ModelPair, GrabCutError>>),
+}
+
+impl Models {
+    fn fit(
+        views: &[SceneView],
+        states: &[Result<ViewState, GrabCutError>],
+        options: &SceneOptions,
+    ) -> Self {
+        let samples: Vec<[Vec<[u8; 3]>; 2]> = views
+            .par_iter()
+            .zip(states)
+            .map(|(view, state)| match state {
+                Ok(state) => sample(view, state, SHARED_SAMPLE_STEP),
+                Err(_) => [Vec::new(), Vec::new()],
+            })
+            .collect();
+        if options.shared_models {
+            let all = |side: usize| -> Vec<[u8; 3]> {
+                samples.iter().flat_map(|s| &s[side]).copied().collect()
+            };
+            Self::Shared(fit_pair(&all(0), &all(1), &options.color_model))
+        } else {
+            Self::Own(
+                samples
+                    .par_iter()
+                    .map(|[person, background]| fit_pair(person, background, &options.color_model))
+                    .collect(),
+            )
+        }
+    }
+
+    fn of(&self, view: usize) -> Result<&ModelPair, GrabCutError> {
+        match self {
+            Self::Shared(pair) => pair.as_ref().map_err(|error| *error),
+            Self::Own(pairs) => pairs[view].as_ref().map_err(|error| *error),
+        }
+    }
+}
+
+/// Colors of the person and of the background near it
+fn sample(view: &SceneView, state: &ViewState, step: usize) -> [Vec<[u8; 3]>; 2] {
+    let mut sides = [Vec::new(), Vec::new()];
+    let mut met = [0_usize; 2];
+    for ((&color, &person), &sampled) in view
+        .photo
+        .as_slice()
+        .iter()
+        .zip(state.mask.as_slice())
+        .zip(state.sampled.as_slice())
+    {
+        let side = match (person, sampled) {
+            (true, _) => 0,
+            (false, true) => 1,
+            (false, false) => continue,
+        };
+        if met[side].is_multiple_of(step) {
+            sides[side].push(color);
+        }
+        met[side] += 1;
+    }
+    sides
+}
+
+fn fit_pair(
+    person: &[[u8; 3]],
+    background: &[[u8; 3]],
+    options: &ColorModelOptions,
+) -> Result<ModelPair, GrabCutError> {
+    let fit = |side: &'static str, samples: &[[u8; 3]]| {
+        ColorModel::fit(samples, options).ok_or(GrabCutError::TooFewSamples {
+            side,
+            count: samples.len(),
+        })
+    };
+    let (person, background) =
+        rayon::join(|| fit("person", person), || fit("background", background));
+    Ok(ModelPair {
+        person: person?,
+        background: background?,
+    })
+}
+
+fn cut_view(
+    view: &SceneView,
+    state: &ViewState,
+    models: &ModelPair,
+    plate: Option<&BackgroundPlate>,
+    options: &SceneOptions,
+) -> Mask {
+    let attenuating = plate.filter(|_| options.attenuation);
+    let mut band = BandCut::new(view.photo, view.seeds, options.smoothness, attenuating);
+    if !band.undecided() {
+        return state.mask.clone();
+    }
+    let colors: Vec<[u8; 3]> = band
+        .pixels()
+        .iter()
+        .map(|&(x, y)| view.photo[(x as usize, y as usize)])
+        .collect();
+    let mut odds = vec![0.0; colors.len()];
+    let mut background = vec![0.0; colors.len()];
+    models.person.log_densities(&colors, &mut odds);
+    models.background.log_densities(&colors, &mut background);
+    for (node, (odds, background)) in odds.iter_mut().zip(&background).enumerate() {
+        let (x, y) = band.pixels()[node];
+        let (x, y) = (x as usize, y as usize);
+        let background = match plate.and_then(|p| p.log_density(x, y, colors[node])) {
+            Some(density) => log_sum_exp(
+                PLATE_SHARE.ln() + density,
+                (1.0 - PLATE_SHARE).ln() + background,
+            ),
+            None => *background,
+        };
+        *odds = (*odds - background).clamp(-options.color_limit, options.color_limit);
+        *odds += view.prior.map_or(0.0, |prior| prior[(x, y)].value());
+    }
+    band.solve(&odds);
+    clean(&band.mask(view.seeds), view.scale)
+}
+
+fn log_sum_exp(a: f32, b: f32) -> f32 {
+    let (large, small) = if a > b { (a, b) } else { (b, a) };
+    large + (small - large).exp().ln_1p()
+}
+
+fn finish(
+    view: &SceneView,
+    state: ViewState,
+    plate: Option<&BackgroundPlate>,
+    options: &SceneOptions,
+) -> SceneMask {
+    let decided = !view.seeds.as_slice().iter().any(|seed| seed.undecided());
+    if decided || !options.unmix_border {
+        let soft = state.mask.map(|&v| if v { 1.0 } else { 0.0 });
+        return SceneMask {
+            mask: state.mask,
+            soft,
+        };
+    }
+    let mut soft = soft_border(view.photo, &state.mask, plate, view.scale);
+    let mask = tidy_soft(&mut soft, view.scale);
+    SceneMask { mask, soft }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WIDTH: usize = 60;
+    const HEIGHT: usize = 60;
+
+    /// Photo, seeds and truth
+    type Example = (Grid<[u8; 3]>, Grid<Seed>, Mask);
+
+    /// A wall with a poster in the person's own color, and a person (an upright bar) at column `at`
+    fn view(at: usize, camera_shift: usize) -> Example {
+        let truth = Grid::from_fn(WIDTH, HEIGHT, |x, y| {
+            (at..at + 10).contains(&x) && (15..55).contains(&y)
+        });
+        let photo = Grid::from_fn(WIDTH, HEIGHT, |x, y| {
+            let noise = ((x * 7919 + y * 104_729 + at * 31) % 9) as u8;
+            let wall = x + camera_shift;
+            if truth[(x, y)] || ((24..36).contains(&wall) && (5..25).contains(&y)) {
+                [150 + noise, 60, 40 + noise]
+            } else if (wall / 3).is_multiple_of(2) {
+                [90 + noise, 110, 120]
+            } else {
+                [60, 80 + noise, 90]
+            }
+        });
+        let seeds = Grid::from_fn(WIDTH, HEIGHT, |x, y| {
+            let to_the_side = x.abs_diff(at + 5);
+            match y {
+                20..50 if to_the_side < 2 => Seed::Person,
+                12..58 if to_the_side < 5 => Seed::ProbablePerson,
+                8..59 if to_the_side < 16 => Seed::ProbableBackground,
+                _ => Seed::Background,
+            }
+        });
+        (photo, seeds, truth)
+    }
+
+    fn run(views: &[Example], options: &SceneOptions) -> (SceneResult, f64) {
+        let scene: Vec<_> = views
+            .iter()
+            .map(|(photo, seeds, _)| SceneView {
+                photo,
+                seeds,
+                prior: None,
+                scale: 0.3,
+            })
+            .collect();
+        let result = segment_scene(&scene, options, &|| false);
+        let worst = result
+            .masks
+            .iter()
+            .zip(views)
+            .map(|(mask, (_, _, truth))| mask.as_ref().map_or(0.0, |m| m.mask.iou(truth)))
+            .fold(1.0, f64::min);
+        (result, worst)
+    }
+
+    #[test]
+    fn the_plate_tells_the_person_from_a_poster_of_the_same_color() {
+        let views: Vec<_> = [3, 12, 36, 47].map(|at| view(at, 0)).into();
+        let (result, with_plate) = run(&views, &SceneOptions::default());
+        assert!(result.plate_used);
+        assert!(with_plate > 0.95, "{with_plate}");
+        let options = SceneOptions {
+            plate: None,
+            ..SceneOptions::default()
+        };
+        let (result, without) = run(&views, &options);
+        assert!(
+            !result.plate_used && without < with_plate,
+            "{without} {with_plate}"
+        );
+    }
+
+    #[test]
+    fn a_moving_camera_gets_no_plate_but_masks() {
+        let views: Vec<_> = (0..5).map(|i| view(5 + 9 * i, 3 * i)).collect();
+        let (result, worst) = run(&views, &SceneOptions::default());
+        assert!(!result.plate_used);
+        assert!(worst > 0.6, "{worst}");
+    }
+
+    #[test]
+    fn views_of_other_sizes_and_bad_ones_take_no_other_down() {
+        let mut views: Vec<_> = [5, 25, 45].map(|at| view(at, 0)).into();
+        let (photo, seeds, truth) = view(30, 0);
+        views.push((
+            photo.crop(10, 0, 50, 60),
+            seeds.crop(10, 0, 50, 60),
+            truth.crop(10, 0, 50, 60),
+        ));
+        views.push((photo, Grid::filled(3, 3, Seed::Person), truth));
+        let (result, _) = run(&views, &SceneOptions::default());
+        assert!(result.masks[..4].iter().all(Result::is_ok));
+        assert!(matches!(result.masks[4], Err(GrabCutError::Size { .. })));
+    }
+
+    #[test]
+    fn decided_views_stay_as_they_are_and_cancelling_stops() {
+        let views: Vec<_> = [5, 25].map(|at| view(at, 0)).into();
+        let decided = views[0]
+            .2
+            .map(|&v| if v { Seed::Person } else { Seed::Background });
+        let scene = [
+            SceneView {
+                photo: &views[0].0,
+                seeds: &decided,
+                prior: None,
+                scale: 0.3,
+            },
+            SceneView {
+                photo: &views[1].0,
+                seeds: &views[1].1,
+                prior: None,
+                scale: 0.3,
+            },
+        ];
+        let result = segment_scene(&scene, &SceneOptions::default(), &|| false);
+        assert_eq!(result.masks[0].as_ref().unwrap().mask, views[0].2);
+        let stopped = segment_scene(&scene, &SceneOptions::default(), &|| true);
+        assert!(matches!(stopped.masks[1], Err(GrabCutError::Cancelled)));
+        assert!(
+            segment_scene(&[], &SceneOptions::default(), &|| false)
+                .masks
+                .is_empty()
+        );
+    }
+}

@@ -1,1 +1,0 @@
-//! Stage 1: from photos and the posed avatar to silhouettes.

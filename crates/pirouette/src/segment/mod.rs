@@ -1,0 +1,340 @@
+//! Stage 1: from photos and the posed avatar to silhouettes.
+//!
+//! The bones of the skeleton say where the person is; where the avatar was posed like the person, its
+//! outline says it better. Several photos of one person before one background help each other: shared color
+//! models, a background plate. A view that was posed unlike the avatar falls back to its bones, a view that
+//! fails takes no other one down.
+
+mod bones;
+mod prior;
+#[cfg(test)]
+mod tests;
+
+use pirouette_geom::{Grid, Mask};
+use pirouette_segment::grabcut::{GrabCutError, GrabCutOptions, grabcut};
+use pirouette_segment::plate::PlateOptions;
+use pirouette_segment::scene::{SceneOptions, SceneView, segment_scene};
+use pirouette_segment::seeds::{LogOdds, Seed};
+use rayon::prelude::*;
+
+use crate::scan::Photo;
+use crate::skeleton::Keypoints;
+use bones::SeedLines;
+use prior::Prior;
+
+/// One view to segment
+#[derive(Debug, Clone, Copy)]
+pub struct SegmentView<'a> {
+    /// The photo
+    pub photo: &'a Photo,
+    /// Joints of the person, in px of the photo
+    pub keypoints: &'a Keypoints,
+    /// Coverage of the avatar posed like the person, size of the photo
+    pub prior: Option<&'a Grid<f32>>,
+    /// A given silhouette, size of the photo; it is the result, and helps the other views
+    pub mask: Option<&'a Mask>,
+}
+
+/// How photos are segmented; every ingredient can be switched off
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SegmentOptions {
+    /// Seeds from the posed avatar instead of the bones alone
+    pub prior: bool,
+    /// The avatar's outline also shifts the odds of undecided pixels
+    pub soft_prior: bool,
+    /// One pair of color models for all views
+    pub shared_models: bool,
+    /// The background plate; dropped by itself when the photos are not static
+    pub plate: bool,
+    /// Contrast that the plate shows too counts less
+    pub attenuation: bool,
+    /// Unmixing of the border; otherwise the soft mask is the hard one
+    pub alpha: bool,
+    /// Passes over all views; a third changes the IoU by 0.0001
+    pub passes: usize,
+    /// Cutting each photo by itself, as published, whatever the switches above say
+    pub single: bool,
+}
+
+impl Default for SegmentOptions {
+    fn default() -> Self {
+        Self {
+            prior: true,
+            soft_prior: true,
+            shared_models: true,
+            plate: true,
+            attenuation: true,
+            alpha: true,
+            passes: 2,
+            single: false,
+        }
+    }
+}
+
+/// The person in one photo
+#[derive(Debug, Clone)]
+pub struct Silhouette {
+    /// Pixels that are at least half person
+    pub mask: Mask,
+    /// Share of each pixel that is person, 0 to 1; its 0.5 level is the outline
+    pub soft: Grid<f32>,
+    /// What was known beforehand; `None` for a given mask
+    pub seeds: Option<Grid<Seed>>,
+    /// Whether the avatar's outline was used
+    pub prior_used: bool,
+}
+
+/// Why a view has no silhouette
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum SegmentError {
+    /// Too few joints to tell where the person is
+    #[error(
+        "only {found} joints were found, too few to tell where the person is; give a mask or better keypoints"
+    )]
+    NoSkeleton {
+        /// Joints found
+        found: usize,
+    },
+    /// The skeleton lies beyond the photo
+    #[error("no bone of the person lies inside the photo of {width}x{height} px")]
+    Outside {
+        /// Columns of the photo
+        width: usize,
+        /// Rows of the photo
+        height: usize,
+    },
+    /// All pixels of the photo look alike
+    #[error("the photo of {width}x{height} px has one color only")]
+    Flat {
+        /// Columns of the photo
+        width: usize,
+        /// Rows of the photo
+        height: usize,
+    },
+    /// The given mask has no pixel inside
+    #[error("the given mask is empty")]
+    EmptyMask,
+    /// The given mask or prior is for another photo
+    #[error("{what} of {found_width}x{found_height} px for a photo of {width}x{height} px")]
+    Size {
+        /// What does not fit
+        what: &'static str,
+        /// Columns of what does not fit
+        found_width: usize,
+        /// Rows of what does not fit
+        found_height: usize,
+        /// Columns of the photo
+        width: usize,
+        /// Rows of the photo
+        height: usize,
+    },
+    /// The cut found nobody
+    #[error("no person was found around the bones")]
+    Nobody,
+    /// The cut itself failed
+    #[error("cannot cut out the person: {0}")]
+    Cut(#[source] GrabCutError),
+    /// The caller wanted no result any more
+    #[error("cancelled")]
+    Cancelled,
+}
+
+impl From<GrabCutError> for SegmentError {
+    fn from(error: GrabCutError) -> Self {
+        match error {
+            GrabCutError::Cancelled => Self::Cancelled,
+            other => Self::Cut(other),
+        }
+    }
+}
+
+/// Finds the silhouette of the person in every view
+///
+/// Several views are taken as one scene; a single one is cut by itself. `cancelled` is asked now and then.
+///
+/// # Source
+/// Seeds: Zwettler et al. 2021, section on segmentation. Cut: C. Rother, V. Kolmogorov, A. Blake, 2004,
+/// GrabCut.
+pub fn segment(
+    views: &[SegmentView],
+    options: &SegmentOptions,
+    cancelled: &(dyn Fn() -> bool + Sync),
+) -> Vec<Result<Silhouette, SegmentError>> {
+    let prepared: Vec<Result<Prepared, SegmentError>> = views
+        .par_iter()
+        .map(|view| Prepared::new(view, options))
+        .collect();
+    let usable = prepared.iter().filter(|p| p.is_ok()).count();
+    let cuts = if options.single || usable < 2 {
+        cut_singly(views, &prepared, cancelled)
+    } else {
+        cut_together(views, &prepared, options, cancelled)
+    };
+    prepared
+        .into_iter()
+        .zip(cuts)
+        .map(|(prepared, cut)| {
+            let prepared = prepared?;
+            let (mask, soft) = cut.unwrap_or(Err(SegmentError::Cancelled))?;
+            if mask.area() == 0 {
+                return Err(SegmentError::Nobody);
+            }
+            Ok(Silhouette {
+                mask,
+                soft,
+                prior_used: prepared.odds.is_some(),
+                seeds: (!prepared.given).then_some(prepared.seeds),
+            })
+        })
+        .collect()
+}
+
+type Cut = Option<Result<(Mask, Grid<f32>), SegmentError>>;
+
+fn cut_together(
+    views: &[SegmentView],
+    prepared: &[Result<Prepared, SegmentError>],
+    options: &SegmentOptions,
+    cancelled: &(dyn Fn() -> bool + Sync),
+) -> Vec<Cut> {
+    let scene: Vec<SceneView> = views
+        .iter()
+        .zip(prepared)
+        .filter_map(|(view, prepared)| {
+            let prepared = prepared.as_ref().ok()?;
+            Some(SceneView {
+                photo: view.photo,
+                seeds: &prepared.seeds,
+                prior: prepared.odds.as_ref().filter(|_| options.soft_prior),
+                scale: prepared.scale,
+            })
+        })
+        .collect();
+    let scene_options = SceneOptions {
+        passes: options.passes,
+        shared_models: options.shared_models,
+        plate: options.plate.then(PlateOptions::default),
+        attenuation: options.attenuation,
+        unmix_border: options.alpha,
+        ..SceneOptions::default()
+    };
+    let mut masks = segment_scene(&scene, &scene_options, cancelled)
+        .masks
+        .into_iter();
+    prepared
+        .iter()
+        .map(|prepared| {
+            prepared.as_ref().ok()?;
+            Some(match masks.next()? {
+                Ok(found) => Ok((found.mask, found.soft)),
+                Err(error) => Err(error.into()),
+            })
+        })
+        .collect()
+}
+
+fn cut_singly(
+    views: &[SegmentView],
+    prepared: &[Result<Prepared, SegmentError>],
+    cancelled: &(dyn Fn() -> bool + Sync),
+) -> Vec<Cut> {
+    views
+        .par_iter()
+        .zip(prepared)
+        .map(|(view, prepared)| {
+            let prepared = prepared.as_ref().ok()?;
+            let cut = grabcut(
+                view.photo,
+                &prepared.seeds,
+                prepared.odds.as_ref(),
+                &GrabCutOptions::default(),
+                cancelled,
+            );
+            Some(match cut {
+                Ok(mask) if prepared.given => {
+                    let soft = mask.map(|&v| if v { 1.0 } else { 0.0 });
+                    Ok((mask, soft))
+                }
+                Ok(mask) => {
+                    let mask = pirouette_segment::border::clean(&mask, prepared.scale);
+                    let soft = mask.map(|&v| if v { 1.0 } else { 0.0 });
+                    Ok((mask, soft))
+                }
+                Err(error) => Err(error.into()),
+            })
+        })
+        .collect()
+}
+
+/// What is known of a view before its colors are looked at
+struct Prepared {
+    seeds: Grid<Seed>,
+    odds: Option<Grid<LogOdds>>,
+    scale: f64,
+    given: bool,
+}
+
+impl Prepared {
+    fn new(view: &SegmentView, options: &SegmentOptions) -> Result<Self, SegmentError> {
+        let (width, height) = (view.photo.width(), view.photo.height());
+        if let Some(mask) = view.mask {
+            check_size("mask", view.photo, mask)?;
+            let (_, y0, _, y1) = mask.bounding_box().ok_or(SegmentError::EmptyMask)?;
+            return Ok(Self {
+                seeds: mask.map(|&v| if v { Seed::Person } else { Seed::Background }),
+                odds: None,
+                scale: (y1 - y0) as f64 / 800.0,
+                given: true,
+            });
+        }
+        if let Some(prior) = view.prior {
+            check_size("prior", view.photo, prior)?;
+        }
+        let colors = view.photo.as_slice();
+        if colors.iter().all(|color| Some(color) == colors.first()) {
+            return Err(SegmentError::Flat { width, height });
+        }
+        let lines = SeedLines::new(view.keypoints)?;
+        let prior = view.prior.filter(|_| options.prior);
+        let scale = prior
+            .and_then(stature_px)
+            .map_or(lines.scale(), |px| px / 800.0);
+        if let Some(prior) = prior.and_then(|prior| Prior::new(prior, &lines, scale)) {
+            return Ok(Self {
+                seeds: prior.seeds,
+                odds: Some(prior.odds),
+                scale,
+                given: false,
+            });
+        }
+        let seeds = lines.seeds(width, height);
+        if !seeds.as_slice().iter().any(|seed| seed.person()) {
+            return Err(SegmentError::Outside { width, height });
+        }
+        Ok(Self {
+            seeds,
+            odds: None,
+            scale: lines.scale(),
+            given: false,
+        })
+    }
+}
+
+/// Height of the avatar's silhouette, in px
+fn stature_px(coverage: &Grid<f32>) -> Option<f64> {
+    let (_, y0, _, y1) = coverage.threshold(0.5).bounding_box()?;
+    Some((y1 - y0) as f64)
+}
+
+fn check_size<T>(what: &'static str, photo: &Photo, found: &Grid<T>) -> Result<(), SegmentError> {
+    if photo.same_size(found) {
+        return Ok(());
+    }
+    Err(SegmentError::Size {
+        what,
+        found_width: found.width(),
+        found_height: found.height(),
+        width: photo.width(),
+        height: photo.height(),
+    })
+}
