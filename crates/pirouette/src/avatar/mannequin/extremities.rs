@@ -1,0 +1,200 @@
+//! Hands with the fingers together and feet with toes.
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+
+use super::field::{Field, Region, Section, Shape, Tube};
+use super::frame::Frame;
+use super::proportions::Proportions;
+use super::shape::Anatomy;
+
+/// How far the fingers of a relaxed hand bend towards the palm, in degrees
+const FINGER_CURL_DEGREES: f64 = 24.0;
+
+/// How far the feet of a standing person point outward, in degrees
+const TOE_OUT_DEGREES: f64 = 5.0;
+
+/// Share of the foot's length behind the ankle joint
+const HEEL_SHARE: f64 = 0.235;
+
+/// Adds the left hand and its mirror image
+pub(super) fn add_hand(field: &mut Field, a: &Anatomy) {
+    let (d, frame) = (a.dimensions, a.frame);
+    let (length, half) = (d.hand_length, d.hand_breadth / 2.0);
+    let wrist_radius = d.wrist_girth * a.scales.wrist / std::f64::consts::TAU;
+    // Rows: station over hand length, back of the hand, palm, thumb side, little finger side over half the breadth.
+    let section = |back: f64, palm: f64, thumb: f64, little: f64, square: f64| Section {
+        center: DVec2::ZERO,
+        outer: back * half,
+        inner: palm * half,
+        front: thumb * half,
+        back: little * half,
+        square_front: square,
+        square_back: square,
+    };
+    let wrist = wrist_radius / half;
+    let palm = [
+        (
+            -0.05 * length,
+            section(0.80 * wrist, 0.80 * wrist, 1.12 * wrist, 1.12 * wrist, 0.2),
+        ),
+        (0.10 * length, section(0.40, 0.46, 0.80, 0.76, 0.3)),
+        (0.28 * length, section(0.34, 0.42, 0.98, 0.92, 0.5)),
+        (0.46 * length, section(0.30, 0.34, 1.00, 0.98, 0.6)),
+        (0.56 * length, section(0.26, 0.28, 0.95, 0.96, 0.6)),
+    ];
+    let tube = Tube::new(frame.wrist, frame.forearm_axes, &palm, [6.0, 0.2 * half]);
+    field.add_pair(Region::Hand, Shape::Tube(tube), 8.0, 1.0);
+
+    let knuckles = frame.wrist + frame.forearm_axes.y_axis * (0.52 * length);
+    let curl = DMat3::from_quat(DQuat::from_axis_angle(
+        frame.forearm_axes.z_axis,
+        curl_sign(&frame.forearm_axes) * FINGER_CURL_DEGREES.to_radians(),
+    ));
+    let axes = curl * frame.forearm_axes;
+    // Four fingers side by side, their tips on an arc: index, middle, ring, little finger.
+    let fingers = [
+        (0.68, 0.445, 0.225),
+        (0.23, 0.48, 0.235),
+        (-0.23, 0.45, 0.225),
+        (-0.66, 0.37, 0.20),
+    ];
+    for (across, reach, radius) in fingers {
+        let from = knuckles + axes.z_axis * (across * half);
+        let tip_radius = 0.82 * radius * half;
+        let to = knuckles
+            + axes.y_axis * (reach * length - tip_radius)
+            + axes.z_axis * (across * 0.9 * half)
+            - axes.x_axis * (0.02 * length);
+        let finger = Shape::Cone {
+            from,
+            to,
+            radii: [1.12 * radius * half, tip_radius],
+        };
+        field.add_pair(Region::Hand, finger, 4.0, 1.0);
+    }
+    let at = |along: f64, thumb: f64, back: f64| {
+        frame.wrist + frame.forearm_axes * DVec3::new(back * half, along * length, thumb * half)
+    };
+    let (root, joint, tip) = (
+        at(0.12, 0.55, -0.15),
+        at(0.34, 1.15, -0.35),
+        at(0.50, 1.45, -0.45),
+    );
+    let ball = Shape::Cone {
+        from: root,
+        to: joint,
+        radii: [0.40 * half, 0.29 * half],
+    };
+    field.add_pair(Region::Hand, ball, 8.0, 1.0);
+    let thumb = Shape::Cone {
+        from: joint,
+        to: tip,
+        radii: [0.28 * half, 0.21 * half],
+    };
+    field.add_pair(Region::Hand, thumb, 4.0, 1.0);
+}
+
+/// Sense of rotation about the thumb side that bends the fingers towards the palm (away from the upper side)
+fn curl_sign(axes: &DMat3) -> f64 {
+    if axes.z_axis.cross(axes.y_axis).dot(axes.x_axis) > 0.0 {
+        -1.0
+    } else {
+        1.0
+    }
+}
+
+/// The left foot: where it stands and points
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FootPlan {
+    heel: DVec3,
+    axes: DMat3,
+    length: f64,
+    half_breadth: f64,
+}
+
+impl FootPlan {
+    pub(super) fn new(d: &Proportions, frame: &Frame) -> Self {
+        let (sin, cos) = TOE_OUT_DEGREES.to_radians().sin_cos();
+        let forward = DVec3::new(sin, 0.0, cos);
+        let axes = DMat3::from_cols(DVec3::new(cos, 0.0, -sin), forward, DVec3::Y);
+        let below = DVec3::new(frame.ankle.x, 0.0, frame.ankle.z);
+        Self {
+            heel: below - forward * (HEEL_SHARE * d.foot_length),
+            axes,
+            length: d.foot_length,
+            half_breadth: d.foot_breadth / 2.0,
+        }
+    }
+
+    /// The point at these shares of half the breadth (outward) and of the length (from the heel), at a height in mm
+    pub(super) fn at(&self, outward: f64, along: f64, height: f64) -> DVec3 {
+        self.heel + self.axes * DVec3::new(outward * self.half_breadth, along * self.length, height)
+    }
+}
+
+/// Adds the left foot and its mirror image
+pub(super) fn add_foot(field: &mut Field, a: &Anatomy) {
+    let (d, frame) = (a.dimensions, a.frame);
+    let m = frame.mille;
+    let plan = FootPlan::new(d, frame);
+    let (length, half) = (plan.length, plan.half_breadth);
+    let heel = d.heel_breadth / 2.0 / half;
+    // Rows: station over foot length, outside and inside over half the breadth, top of the foot in per mille, shift outward.
+    let row = |along: f64, outer: f64, inner: f64, top: f64, shift: f64| {
+        let section = Section {
+            center: DVec2::new(shift * half, 9.0 * m),
+            outer: outer * half,
+            inner: inner * half,
+            front: (top - 9.0) * m,
+            back: 14.0 * m,
+            square_front: 0.1,
+            square_back: 0.5,
+        };
+        (along * length, section)
+    };
+    let keys = [
+        row(0.10, 0.97 * heel, 0.97 * heel, 30.0, -0.02),
+        row(0.22, 0.92 * heel, 0.92 * heel, 42.0, 0.0),
+        row(0.36, 0.70, 0.64, 44.0, 0.02),
+        row(0.50, 0.84, 0.68, 36.0, 0.02),
+        row(0.64, 0.98, 0.92, 25.0, 0.0),
+        row(0.74, 0.98, 0.98, 19.0, 0.0),
+        row(0.82, 0.90, 0.92, 15.0, 0.0),
+    ];
+    let tube = Tube::new(plan.heel, plan.axes, &keys, [0.10 * length, 0.06 * length]);
+    field.add_pair(Region::Foot, Shape::Tube(tube), 12.0 * m, 1.0);
+    // Toes: across, tip along, radius over half the breadth.
+    let toes = [
+        (-0.62, 1.0, 0.25),
+        (-0.16, 0.985, 0.17),
+        (0.18, 0.955, 0.16),
+        (0.48, 0.92, 0.15),
+        (0.75, 0.875, 0.15),
+    ];
+    for (across, tip, radius) in toes {
+        let r = radius * half;
+        let from = plan.at(across * 0.98, 0.74, 1.05 * r);
+        let mut to = plan.at(across, tip, 0.9 * r);
+        to -= plan.axes.y_axis * r;
+        let toe = Shape::Cone {
+            from,
+            to,
+            radii: [1.1 * r, r],
+        };
+        field.add_pair(Region::Foot, toe, 5.0, 1.0);
+    }
+    // The two malleoli
+    for (outward, height) in [(0.72, 0.0), (-0.70, 5.0)] {
+        let center = DVec3::new(
+            frame.ankle.x,
+            frame.ankle.y + height * m,
+            frame.ankle.z - 2.0 * m,
+        ) + plan.axes.x_axis * (outward * 0.62 * half);
+        field.add_pair(
+            Region::Foot,
+            Shape::ellipsoid(center, DVec3::new(5.5, 8.5, 8.5) * m),
+            6.0 * m,
+            1.0,
+        );
+    }
+}

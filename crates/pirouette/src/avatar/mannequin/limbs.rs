@@ -1,0 +1,204 @@
+//! Arms without hands, legs without feet.
+
+use std::f64::consts::TAU;
+
+use glam::{DVec2, DVec3};
+
+use super::field::{Curve, Field, Region, Section, Shape, Tube};
+use super::shape::Anatomy;
+
+/// One row of the leg's table
+///
+/// Height in per mille; radii to the outside, inside, front and back in multiples of the girth's radius; shift of the center
+/// off the line from hip to ankle, to the outside and to the front, in per mille.
+type LegRow = [f64; 7];
+
+/// The leg of an average adult; women and men differ by their girths
+const LEG: [LegRow; 15] = [
+    [520.0, 0.95, 0.80, 0.95, 0.95, 0.0, 4.0],
+    [490.0, 1.00, 0.92, 1.00, 1.05, -3.0, 6.0],
+    [455.0, 0.99, 0.98, 1.02, 1.06, -5.0, 6.0],
+    [420.0, 0.97, 0.97, 1.04, 1.02, -6.0, 8.0],
+    [385.0, 0.97, 0.97, 1.05, 1.00, -6.0, 9.0],
+    [350.0, 0.98, 0.98, 1.04, 0.98, -6.0, 8.0],
+    [315.0, 1.00, 1.00, 1.02, 1.00, -4.0, 6.0],
+    [280.0, 0.98, 1.00, 1.02, 0.98, -1.0, 2.0],
+    [255.0, 0.99, 0.99, 0.98, 0.98, 2.0, -5.0],
+    [215.0, 1.00, 1.00, 0.98, 1.02, 4.5, -10.0],
+    [175.0, 0.98, 0.98, 0.98, 1.02, 4.0, -11.0],
+    [140.0, 0.97, 0.97, 1.00, 1.00, 3.0, -10.0],
+    [105.0, 0.90, 0.90, 1.05, 1.08, 2.0, -7.0],
+    [75.0, 0.86, 0.86, 1.06, 1.12, 1.0, -5.0],
+    [45.0, 0.92, 0.92, 1.06, 1.12, 0.0, -5.0],
+];
+
+/// Girth of the leg along its height in per mille, as a blend of the four tapes: thigh, knee, calf, ankle
+const LEG_GIRTH: [[f64; 5]; 15] = [
+    [520.0, 0.98, 0.0, 0.0, 0.0],
+    [490.0, 1.01, 0.0, 0.0, 0.0],
+    [455.0, 1.0, 0.0, 0.0, 0.0],
+    [420.0, 0.92, 0.05, 0.0, 0.0],
+    [385.0, 0.75, 0.22, 0.0, 0.0],
+    [350.0, 0.46, 0.48, 0.0, 0.0],
+    [315.0, 0.15, 0.83, 0.0, 0.0],
+    [280.0, 0.0, 0.985, 0.0, 0.0],
+    [255.0, 0.0, 0.55, 0.40, 0.0],
+    [215.0, 0.0, 0.0, 1.0, 0.0],
+    [175.0, 0.0, 0.0, 0.95, 0.0],
+    [140.0, 0.0, 0.0, 0.60, 0.40],
+    [105.0, 0.0, 0.0, 0.15, 0.88],
+    [75.0, 0.0, 0.0, 0.0, 1.0],
+    [45.0, 0.0, 0.0, 0.0, 1.12],
+];
+
+/// Heights of the leg tables' landmarks, in per mille: malleolus, kneecap, crotch, trochanter
+const LEG_LANDMARKS: [f64; 4] = [40.5, 277.0, 481.0, 516.0];
+
+/// Adds the left leg and its mirror image
+pub(super) fn add_leg(field: &mut Field, a: &Anatomy) {
+    let (d, frame) = (a.dimensions, a.frame);
+    let m = frame.mille;
+    let height = Curve::new(
+        LEG_LANDMARKS
+            .into_iter()
+            .zip([
+                d.malleolus_height,
+                d.knee_height,
+                d.crotch_height,
+                d.trochanter_height,
+            ])
+            .collect(),
+    );
+    let tapes = [
+        d.thigh_girth * a.scales.thigh,
+        d.lower_thigh_girth * a.scales.knee,
+        d.calf_girth * a.scales.calf,
+        d.ankle_girth * a.scales.ankle,
+    ];
+    let cosine = -frame.leg_axes.y_axis.y;
+    let keys: Vec<(f64, Section)> = LEG
+        .iter()
+        .zip(&LEG_GIRTH)
+        .map(|(row, blend)| {
+            let girth: f64 = tapes.iter().zip(&blend[1..]).map(|(g, b)| g * b).sum();
+            // Up in the hips the leg is part of the hip girth.
+            let in_hip = ((row[0] - 470.0) / 40.0).clamp(0.0, 1.0);
+            let radius = girth / TAU * a.scales.hip.powf(in_hip);
+            let section = Section {
+                center: DVec2::new(row[5], row[6]) * m,
+                outer: row[1] * radius,
+                inner: row[2] * radius,
+                front: row[3] * radius,
+                back: row[4] * radius,
+                square_front: 0.0,
+                square_back: 0.0,
+            };
+            let y = if row[0] <= LEG_LANDMARKS[0] || row[0] >= LEG_LANDMARKS[3] {
+                row[0] * m
+            } else {
+                height.at(row[0])
+            };
+            ((frame.hip.y - y) / cosine, section)
+        })
+        .collect();
+    let tube = Tube::new(frame.hip, frame.leg_axes, &keys, [20.0 * m, 10.0 * m]);
+    field.add_pair(Region::Leg, Shape::Tube(tube), 20.0 * m, 8.0 * m);
+    // Kneecap
+    let kneecap = frame.knee + frame.leg_axes * DVec3::new(-1.0, 0.0, 18.0) * m;
+    let size = d.lower_thigh_girth * a.scales.knee / TAU;
+    field.add_pair(
+        Region::Leg,
+        Shape::Ellipsoid {
+            center: kneecap,
+            axes: frame.leg_axes,
+            radii: DVec3::new(0.55, 0.7, 0.5) * size,
+        },
+        10.0 * m,
+        1.0,
+    );
+}
+
+/// One row of an arm's table: station as a share of the bone, radii to the upper side, under side, front (thumb side) and
+/// back in multiples of the girth's radius, shift to the upper side and to the front in the same
+type ArmRow = [f64; 7];
+
+const UPPER_ARM: [ArmRow; 7] = [
+    [-0.04, 1.10, 1.00, 1.12, 1.12, 0.02, 0.0],
+    [0.12, 1.16, 1.10, 1.18, 1.16, 0.0, 0.0],
+    [0.28, 1.13, 1.06, 1.13, 1.10, 0.0, 0.0],
+    [0.50, 0.99, 0.99, 1.03, 0.99, 0.0, 0.02],
+    [0.75, 0.92, 0.92, 0.96, 0.94, 0.0, 0.02],
+    [0.93, 0.90, 0.90, 0.84, 0.86, 0.0, 0.0],
+    [1.05, 0.88, 0.86, 0.80, 0.82, 0.0, 0.0],
+];
+
+const FOREARM: [ArmRow; 6] = [
+    [-0.05, 0.88, 0.88, 0.92, 0.92, 0.0, 0.0],
+    [0.10, 0.94, 0.94, 1.03, 1.0, 0.0, 0.03],
+    [0.28, 0.96, 0.96, 1.03, 1.0, 0.0, 0.02],
+    [0.55, 0.86, 0.86, 0.95, 0.92, 0.0, 0.0],
+    [0.82, 0.80, 0.80, 1.05, 1.05, 0.0, 0.0],
+    [1.02, 0.82, 0.82, 1.18, 1.18, 0.0, 0.0],
+];
+
+/// Girth along the forearm as a blend of largest girth and wrist, per row of `FOREARM`
+const FOREARM_GIRTH: [[f64; 2]; 6] = [
+    [0.98, 0.0],
+    [1.0, 0.0],
+    [0.98, 0.0],
+    [0.62, 0.42],
+    [0.10, 0.95],
+    [0.0, 1.0],
+];
+
+fn arm_section(row: &ArmRow, radius: f64) -> Section {
+    Section {
+        center: DVec2::new(row[5], row[6]) * radius,
+        outer: row[1] * radius,
+        inner: row[2] * radius,
+        front: row[3] * radius,
+        back: row[4] * radius,
+        square_front: 0.0,
+        square_back: 0.0,
+    }
+}
+
+/// Adds the left arm and its mirror image
+pub(super) fn add_arm(field: &mut Field, a: &Anatomy) {
+    let (d, frame) = (a.dimensions, a.frame);
+    let m = frame.mille;
+    let radius = d.upper_arm_girth() * a.scales.upper_arm / TAU;
+    let length = frame.shoulder.distance(frame.elbow);
+    let keys: Vec<(f64, Section)> = UPPER_ARM
+        .iter()
+        .map(|row| (row[0] * length, arm_section(row, radius)))
+        .collect();
+    let tube = Tube::new(
+        frame.shoulder,
+        frame.upper_arm_axes,
+        &keys,
+        [0.95 * radius, 0.5 * radius],
+    );
+    field.add_pair(Region::Arm, Shape::Tube(tube), 14.0 * m, 1.0);
+
+    let tapes = [
+        d.forearm_girth() * a.scales.forearm,
+        d.wrist_girth * a.scales.wrist,
+    ];
+    let length = frame.elbow.distance(frame.wrist);
+    let keys: Vec<(f64, Section)> = FOREARM
+        .iter()
+        .zip(&FOREARM_GIRTH)
+        .map(|(row, blend)| {
+            let girth = tapes[0] * blend[0] + tapes[1] * blend[1];
+            (row[0] * length, arm_section(row, girth / TAU))
+        })
+        .collect();
+    let tube = Tube::new(
+        frame.elbow,
+        frame.forearm_axes,
+        &keys,
+        [0.6 * tapes[0] / TAU, 6.0 * m],
+    );
+    field.add_pair(Region::Arm, Shape::Tube(tube), 10.0 * m, 1.0);
+}

@@ -1,0 +1,234 @@
+//! Trunk: rib cage, belly, pelvis, breasts or chest muscles, seat, and the girdle of the shoulders.
+
+use glam::{DMat3, DVec2, DVec3};
+
+use super::field::{Curve, Field, Region, Section, Shape, Tube};
+use super::shape::Anatomy;
+
+/// One row of a trunk table, in per mille: height, half breadth, front and back from the plumb line through the ankles
+type Row = [f64; 4];
+
+/// Rib cage, belly and pelvis of an average woman without breasts and seat
+const FEMALE: [Row; 15] = [
+    [500.0, 90.0, 48.0, 56.0],
+    [512.0, 95.0, 56.0, 60.0],
+    [550.0, 99.0, 66.0, 60.0],
+    [575.0, 95.0, 71.0, 50.0],
+    [602.0, 86.0, 72.0, 41.0],
+    [630.0, 78.0, 71.0, 35.0],
+    [650.0, 74.5, 70.0, 35.0],
+    [675.0, 76.0, 67.0, 38.0],
+    [700.0, 79.0, 63.0, 43.0],
+    [725.0, 84.0, 60.0, 50.0],
+    [750.0, 88.0, 53.0, 57.0],
+    [775.0, 90.0, 43.0, 60.0],
+    [800.0, 80.0, 32.0, 58.0],
+    [820.0, 56.0, 24.0, 51.0],
+    [850.0, 34.0, 10.0, 40.0],
+];
+
+/// The same of an average man
+const MALE: [Row; 15] = [
+    [500.0, 86.0, 50.0, 54.0],
+    [512.0, 92.0, 58.0, 57.0],
+    [550.0, 92.0, 66.0, 57.0],
+    [575.0, 87.0, 68.0, 52.0],
+    [602.0, 83.0, 70.0, 45.0],
+    [630.0, 82.0, 69.0, 43.0],
+    [650.0, 82.0, 69.0, 44.0],
+    [675.0, 84.0, 70.0, 47.0],
+    [700.0, 87.0, 71.0, 52.0],
+    [725.0, 92.0, 70.0, 56.0],
+    [750.0, 96.0, 65.0, 59.0],
+    [775.0, 97.0, 55.0, 60.0],
+    [800.0, 86.0, 40.0, 58.0],
+    [820.0, 60.0, 29.0, 53.0],
+    [850.0, 36.0, 15.0, 42.0],
+];
+
+/// Heights of the tables' landmarks, in per mille: crotch, seat, waist, tenth rib, chest, armpit, acromion, nape
+const LANDMARKS: [f64; 8] = [481.0, 509.0, 602.0, 643.0, 727.0, 759.0, 820.0, 861.0];
+
+/// Share of a deeper trunk that goes to the front: bellies grow forward
+const FRONT_SHARE: f64 = 0.72;
+
+/// Heights of the tables on this person
+pub(super) fn heights(a: &Anatomy) -> Curve {
+    let d = a.dimensions;
+    Curve::new(
+        LANDMARKS
+            .into_iter()
+            .zip([
+                d.crotch_height,
+                d.buttock_height,
+                d.waist_height,
+                d.tenth_rib_height,
+                d.chest_height,
+                d.axilla_height,
+                d.acromion_height,
+                d.nape_height,
+            ])
+            .collect(),
+    )
+}
+
+/// Adds the trunk with its lobes and the shoulder girdle
+pub(super) fn add_trunk(field: &mut Field, a: &Anatomy) {
+    let (m, d, lean) = (a.frame.mille, a.dimensions, a.lean);
+    let height = heights(a);
+    let scale = Curve::new(vec![
+        (d.buttock_height, a.scales.hip),
+        (d.waist_height, a.scales.waist),
+        (
+            d.tenth_rib_height,
+            a.scales.waist.sqrt() * a.scales.chest.sqrt(),
+        ),
+        (d.chest_height, a.scales.chest),
+        (d.acromion_height, a.scales.chest.sqrt()),
+        (d.nape_height, 1.0),
+    ]);
+    let chest_growth = d.chest_girth / lean.chest_girth;
+    let breadth = Curve::new(vec![
+        (d.buttock_height, d.hip_breadth / lean.hip_breadth),
+        (d.waist_height, d.waist_breadth / lean.waist_breadth),
+        (d.chest_height, chest_growth),
+        (d.acromion_height, chest_growth.sqrt()),
+        (d.nape_height, d.neck_girth / lean.neck_girth),
+    ]);
+    let depth = Curve::new(vec![
+        (d.buttock_height, d.buttock_depth / lean.buttock_depth),
+        (d.waist_height, d.waist_depth / lean.waist_depth),
+        (d.chest_height, d.chest_depth / lean.chest_depth),
+        (d.acromion_height, chest_growth.sqrt()),
+        (d.nape_height, d.neck_girth / lean.neck_girth),
+    ]);
+
+    let keys: Vec<(f64, Section)> = FEMALE
+        .iter()
+        .zip(&MALE)
+        .map(|(f, male)| {
+            let row: Row = std::array::from_fn(|i| a.by_sex(f[i], male[i]));
+            let y = height.at(row[0]);
+            let grow = (depth.at(y) * scale.at(y) - 1.0) * (row[2] + row[3]) * m;
+            let front = row[2] * m + FRONT_SHARE * grow;
+            let back = row[3] * m + (1.0 - FRONT_SHARE) * grow;
+            let half = row[1] * m * breadth.at(y) * scale.at(y);
+            let middle = (front - back) / 2.0;
+            let section = Section {
+                center: DVec2::new(0.0, middle),
+                outer: half,
+                inner: half,
+                front: front - middle,
+                back: back + middle,
+                square_front: 0.35,
+                square_back: 0.45,
+            };
+            (y, section)
+        })
+        .collect();
+    let plumb = DVec3::new(0.0, 0.0, a.frame.plumb_z);
+    let bottom = keys[0].0 - d.crotch_height;
+    let tube = Tube::new(
+        plumb,
+        DMat3::IDENTITY,
+        &keys,
+        [bottom.max(8.0 * m), 20.0 * m],
+    );
+    field.add(Region::Trunk, Shape::Tube(tube), 0.0);
+
+    add_seat(field, a);
+    add_chest(field, a, chest_growth);
+    add_girdle(field, a);
+}
+
+fn add_seat(field: &mut Field, a: &Anatomy) {
+    let (m, d) = (a.frame.mille, a.dimensions);
+    let growth = a.scales.hip * d.buttock_depth / a.lean.buttock_depth;
+    let radii = DVec3::new(a.by_sex(46.0, 43.0), a.by_sex(50.0, 46.0), 40.0) * m * growth.sqrt();
+    let back = a.by_sex(79.0, 68.0) * m * growth.sqrt();
+    let center = DVec3::new(
+        a.by_sex(42.0, 40.0) * m * growth.sqrt(),
+        d.buttock_height + 5.0 * m,
+        a.frame.plumb_z - back + radii.z,
+    );
+    field.add_pair(
+        Region::Trunk,
+        Shape::ellipsoid(center, radii),
+        24.0 * m,
+        9.0 * m,
+    );
+}
+
+fn add_chest(field: &mut Field, a: &Anatomy, growth: f64) {
+    let (m, d) = (a.frame.mille, a.dimensions);
+    let size = m * a.scales.chest * growth;
+    // Breasts shrink to nothing on the way from female to male, chest muscles to the reverse.
+    let bust = 1.0 - a.maleness;
+    if bust > 0.0 {
+        let radii = DVec3::new(36.0, 37.0, 34.0) * size * (0.62 + 0.38 * bust);
+        let front = a.by_sex(87.0, 72.0) * size;
+        let center = DVec3::new(
+            50.0 * size,
+            d.chest_height + 1.0 * m,
+            a.frame.plumb_z + front - radii.z,
+        );
+        field.add_pair(
+            Region::Trunk,
+            Shape::ellipsoid(center, radii),
+            22.0 * m,
+            6.0 * m,
+        );
+    }
+    if a.maleness > 0.0 {
+        let radii = DVec3::new(50.0, 36.0, 22.0 * a.maleness.sqrt()) * size;
+        let front = (70.0 + 6.0 * a.maleness) * size;
+        let center = DVec3::new(
+            46.0 * size,
+            d.chest_height + 14.0 * m,
+            a.frame.plumb_z + front - radii.z,
+        );
+        field.add_pair(
+            Region::Trunk,
+            Shape::ellipsoid(center, radii),
+            22.0 * m,
+            8.0 * m,
+        );
+    }
+}
+
+/// Collarbones, shoulder blades and the muscles from the neck to the shoulders
+fn add_girdle(field: &mut Field, a: &Anatomy) {
+    let (m, frame) = (a.frame.mille, a.frame);
+    let joint = frame.shoulder;
+    let thick =
+        a.by_sex(0.94, 1.06) * (a.dimensions.upper_arm_girth() / a.lean.upper_arm_girth()).sqrt();
+    // Stations run from the middle to the shoulder joint; side is the front of the body, front is up.
+    let axes = DMat3::from_cols(DVec3::Z, DVec3::X, DVec3::Y);
+    let origin = DVec3::new(0.0, joint.y, joint.z);
+    let section = |lift: f64, up: f64, down: f64, front: f64, back: f64| Section {
+        center: DVec2::new(-8.0 * m, lift * m),
+        outer: front * m * thick,
+        inner: back * m * thick,
+        front: up * m * thick,
+        back: down * m * thick,
+        square_front: 0.0,
+        square_back: 0.0,
+    };
+    let keys = [
+        (0.0, section(4.0, 22.0, 30.0, 36.0, 44.0)),
+        (0.45 * joint.x, section(3.0, 23.0, 30.0, 36.0, 44.0)),
+        (0.8 * joint.x, section(1.0, 23.0, 28.0, 32.0, 38.0)),
+        (joint.x, section(0.0, 22.0, 24.0, 26.0, 28.0)),
+    ];
+    let tube = Tube::new(origin, axes, &keys, [10.0 * m, 20.0 * m]);
+    field.add(Region::Trunk, Shape::Tube(tube), 26.0 * m);
+
+    let neck = DVec3::new(18.0 * m, frame.nape.y + 12.0 * m, frame.plumb_z - 18.0 * m);
+    let acromion = DVec3::new(joint.x - 14.0 * m, joint.y + 8.0 * m, joint.z - 8.0 * m);
+    let trapezius = Shape::Cone {
+        from: neck,
+        to: acromion,
+        radii: [16.0 * m * thick, 13.0 * m * thick],
+    };
+    field.add_pair(Region::Trunk, trapezius, 26.0 * m, 10.0 * m);
+}
