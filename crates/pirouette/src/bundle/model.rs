@@ -15,10 +15,25 @@ use crate::units::TurnAngle;
 /// Unknowns of one view
 pub(super) const POSE_COUNT: usize = Pose::PARAMETER_COUNT;
 
-/// Unknowns that all views share: scales, offsets, camera
-pub(super) const SHARED_COUNT: usize = CAMERA_START + 4;
+/// Unknowns that all views share: scales, offsets, camera, posture
+pub(super) const SHARED_COUNT: usize = POSTURE_START + 3 * POSTURE_BONES.len();
 const OFFSET_START: usize = Scale::COUNT;
 const CAMERA_START: usize = OFFSET_START + 3 * OFFSET_JOINTS.len();
+const POSTURE_START: usize = CAMERA_START + 4;
+
+/// Bones that a person may hold otherwise than the reference pose in all views, with the prior standard
+/// deviation of each coordinate of that rotation, in degrees
+///
+/// People told to stretch their arms out hold them higher or lower, and straight or bent; the sway from view to
+/// view is far smaller.
+const POSTURE_BONES: [(Bone, f64); 6] = [
+    (Bone::LeftUpperArm, 12.0),
+    (Bone::RightUpperArm, 12.0),
+    (Bone::LeftForearm, 25.0),
+    (Bone::RightForearm, 25.0),
+    (Bone::LeftThigh, 5.0),
+    (Bone::RightThigh, 5.0),
+];
 
 /// Points of face and feet whose place on the bone differs from person to person and from detector to detector
 const OFFSET_JOINTS: [Joint; 11] = [
@@ -87,6 +102,8 @@ pub(super) struct Problem {
     pub(super) frame: Frame,
     pub(super) stature_mm: f64,
     pub(super) camera: CameraPrior,
+    /// Whether the person may hold another posture than the reference pose; else all of it is sway
+    pub(super) free_posture: bool,
     pub(super) views: Vec<ViewData>,
 }
 
@@ -103,6 +120,8 @@ pub(super) struct Shared {
     pub(super) scales: Scales,
     pub(super) offsets: [DVec3; OFFSET_JOINTS.len()],
     pub(super) body: ScaledFrame,
+    /// What the poses of all views have in common
+    pub(super) posture: Pose,
     camera: Camera,
 }
 
@@ -128,12 +147,20 @@ impl Problem {
         let mut sigmas = [SCALE_SIGMA; SHARED_COUNT];
         sigmas[OFFSET_START..CAMERA_START].fill(OFFSET_SIGMA_MM);
         let camera = &self.camera;
-        sigmas[CAMERA_START..].copy_from_slice(&[
+        sigmas[CAMERA_START..POSTURE_START].copy_from_slice(&[
             camera.distance_mm.1,
             camera.height_mm.1,
             camera.pitch_radians.1,
             camera.log_focal_sigma,
         ]);
+        let posture = sigmas[POSTURE_START..].chunks_exact_mut(3);
+        for (slots, (_, degrees)) in posture.zip(POSTURE_BONES) {
+            slots.fill(if self.free_posture {
+                degrees.to_radians()
+            } else {
+                0.0
+            });
+        }
         sigmas
     }
 
@@ -157,12 +184,17 @@ impl Problem {
         for (joint, offset) in OFFSET_JOINTS.iter().zip(offsets) {
             body.keypoints[*joint as usize] += offset;
         }
+        let mut posture = Pose::default();
+        for (v, (bone, _)) in values[POSTURE_START..].chunks_exact(3).zip(POSTURE_BONES) {
+            posture.rotations[bone as usize] = DVec3::from_slice(v);
+        }
         let prior = &self.camera;
         let focal = values[CAMERA_START + 3].exp() / (prior.vertical_fov_radians / 2.0).tan();
         Shared {
             scales,
             offsets,
             body,
+            posture,
             camera: Camera {
                 width_px: 0,
                 height_px: 0,
@@ -228,7 +260,7 @@ impl Problem {
         shared: &Shared,
         pose: &[f64; POSE_COUNT],
     ) -> Option<[Option<DVec2>; Joint::COUNT]> {
-        let posed = pose_bones(&shared.body.heads, &to_pose(pose), view.turn);
+        let posed = pose_bones(&shared.body.heads, &shared.pose(pose), view.turn);
         let camera = shared.camera_of(view);
         let joints = room_joints(&posed, &shared.body.keypoints);
         let mut residuals = [None; Joint::COUNT];
@@ -250,7 +282,7 @@ impl Problem {
         pose: &[f64; POSE_COUNT],
         width: f64,
     ) -> Normal {
-        let posed = pose_bones(&shared.body.heads, &to_pose(pose), view.turn);
+        let posed = pose_bones(&shared.body.heads, &shared.pose(pose), view.turn);
         let joints = room_joints(&posed, &shared.body.keypoints);
         let camera = shared.camera_of(view);
         let jacobian = Jacobian {
@@ -304,12 +336,6 @@ fn half_square(unknowns: &[f64]) -> f64 {
     unknowns.iter().map(|x| x * x).sum::<f64>() / 2.0
 }
 
-/// The pose that some unknowns stand for
-pub(super) fn to_pose(unknowns: &[f64; POSE_COUNT]) -> Pose {
-    let sigmas = Pose::prior_sigmas();
-    Pose::from_parameters(&std::array::from_fn(|i| unknowns[i] * sigmas[i]))
-}
-
 /// The joints whose mean a joint is, with their shares
 fn parts(joint: Joint) -> impl Iterator<Item = (Joint, f64)> {
     let middle = MIDDLES.iter().find(|(middle, _)| *middle == joint);
@@ -347,6 +373,15 @@ fn transform_rates(posed: &PosedBones, rate: &ScaledFrame) -> [DVec3; Bone::COUN
 }
 
 impl Shared {
+    /// The pose that the unknowns of one view stand for: the posture and this view's sway
+    pub(super) fn pose(&self, unknowns: &[f64; POSE_COUNT]) -> Pose {
+        let sigmas = Pose::prior_sigmas();
+        let posture = self.posture.to_parameters();
+        Pose::from_parameters(&std::array::from_fn(|i| {
+            posture[i] + unknowns[i] * sigmas[i]
+        }))
+    }
+
     /// How far each keypoint lies from its stretched place, in the reference pose
     pub(super) fn keypoint_offsets(&self) -> [DVec3; Joint::COUNT] {
         let mut offsets = [DVec3::ZERO; Joint::COUNT];
@@ -397,9 +432,15 @@ impl Jacobian<'_> {
         let point = self.joints[joint as usize];
         let mut ancestor = Some(bone);
         while let Some(moving) = ancestor {
-            for parameter in 3 * moving as usize..3 * moving as usize + 3 {
+            let posture = POSTURE_BONES.iter().position(|&(bone, _)| bone == moving);
+            for k in 0..3 {
+                let parameter = 3 * moving as usize + k;
                 let velocity = self.motions[parameter].velocity(point);
                 put(parameter, velocity * self.pose_sigmas[parameter]);
+                if let (Some(posture), true) = (posture, self.rates.is_some()) {
+                    let i = POSTURE_START + 3 * posture + k;
+                    put(POSE_COUNT + i, velocity * self.shared_sigmas[i]);
+                }
             }
             ancestor = moving.parent();
         }

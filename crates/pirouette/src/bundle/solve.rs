@@ -31,6 +31,8 @@ const LAST_DAMPING: f64 = 1e8;
 #[derive(Debug)]
 pub(super) struct Solution {
     pub(super) unknowns: Unknowns,
+    /// Half the squares of all standard deviations that it is off, outliers tamed
+    pub(super) cost: f64,
     /// Whether the last round hardly changed anything
     pub(super) converged: bool,
 }
@@ -40,6 +42,7 @@ pub(super) fn solve(problem: &Problem, start: Unknowns, rounds: usize) -> Soluti
     let mut unknowns = start;
     let mut width = f64::INFINITY;
     let mut damping = 0.0;
+    let mut converged = false;
     for _ in 0..rounds {
         let shared = problem.shared(&unknowns.shared);
         // Far from the solution every joint looks like an outlier: start wide, then narrow down.
@@ -66,15 +69,15 @@ pub(super) fn solve(problem: &Problem, start: Unknowns, rounds: usize) -> Soluti
             }
         }
         if damping > LAST_DAMPING || (gain < SMALL_GAIN && width <= ROBUST_WIDTH) {
-            return Solution {
-                unknowns,
-                converged: true,
-            };
+            converged = true;
+            break;
         }
     }
+    let shared = problem.shared(&unknowns.shared);
     Solution {
+        cost: total_cost(problem, &shared, &unknowns, ROBUST_WIDTH),
         unknowns,
-        converged: false,
+        converged,
     }
 }
 

@@ -134,6 +134,8 @@ struct Setting {
     noise_px: f64,
     seed: u64,
     pitch_radians: f64,
+    /// Rotation of both forearms about x in all views: straighter or more bent than the reference pose
+    forearms_degrees: f64,
 }
 
 impl Default for Setting {
@@ -144,6 +146,7 @@ impl Default for Setting {
             noise_px: 0.0,
             seed: 1,
             pitch_radians: 0.0,
+            forearms_degrees: 0.0,
         }
     }
 }
@@ -172,7 +175,10 @@ fn scan(setting: &Setting) -> Truth {
     for &degrees in &setting.turns {
         let mut parameters = sigmas.map(|sigma| sigma * noise.normal() * setting.sway);
         parameters[3 * Bone::COUNT + 1] = 0.0; // feet stay on the floor
-        let pose = Pose::from_parameters(&parameters);
+        let mut pose = Pose::from_parameters(&parameters);
+        for bone in [Bone::LeftForearm, Bone::RightForearm] {
+            pose.rotations[bone as usize].x += setting.forearms_degrees.to_radians();
+        }
         let turn = TurnAngle::from_degrees(degrees);
         let posed = pose_bones(&body.bone_heads, &pose, turn);
         let mut keypoints = Keypoints::default();
@@ -315,6 +321,29 @@ fn an_unknown_camera_is_estimated_and_said_so() {
         "{camera:?}"
     );
     assert!(found.rms_px < 2.0);
+}
+
+#[test]
+fn a_posture_of_its_own_is_told_from_sway() {
+    let truth = scan(&Setting {
+        noise_px: 2.0,
+        ..Setting::default()
+    });
+    assert_eq!(solved(&truth).posture, Pose::default());
+
+    let bent = scan(&Setting {
+        noise_px: 2.0,
+        forearms_degrees: -35.0,
+        ..Setting::default()
+    });
+    let found = solved(&bent);
+    for bone in [Bone::LeftForearm, Bone::RightForearm] {
+        let degrees = found.posture.rotations[bone as usize].x.to_degrees();
+        assert!((-45.0..-15.0).contains(&degrees), "{degrees}");
+    }
+    assert!(found.swaps.is_empty());
+    let error = joint_error_mm(&bent, &found);
+    assert!(error < 20.0, "{error}");
 }
 
 #[test]
@@ -521,6 +550,7 @@ fn derivatives_match_differences() {
         frame: Frame::new(&body()).unwrap(),
         stature_mm: STATURE_MM,
         camera: start.camera,
+        free_posture: true,
         views: start.views,
     };
     let mut noise = Noise(7);
