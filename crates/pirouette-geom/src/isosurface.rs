@@ -461,14 +461,15 @@ impl Brick {
         let (mut ta, mut tb) = (0.0, 1.0);
         let mut t = a / (a - b);
         let mut moved_a = None;
-        for _ in 0..grid.secant_steps {
+        for step in 1..=grid.secant_steps {
             let value = (grid.field)(start + along * t);
             if value.is_nan() {
                 break;
             }
-            // Illinois rule: an end that stays twice counts half, or a bent field would hold it for ever.
+            // Illinois rule: an end that stays twice counts half, or a bent field would hold it for ever. The
+            // point found so is one to evaluate, not a result.
             let moves_a = (value < 0.0) == (a < 0.0);
-            let stays_again = moved_a == Some(moves_a);
+            let stays_again = moved_a == Some(moves_a) && step < grid.secant_steps;
             if moves_a {
                 (ta, a) = (t, value);
                 b /= if stays_again { 2.0 } else { 1.0 };
