@@ -1,1 +1,90 @@
-fn main() {}
+//! The pirouette command: photos of a turning person in, silhouettes, body and measurements out.
+
+mod arap_command;
+mod args;
+mod output;
+mod progress;
+mod scan_command;
+
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use clap::{CommandFactory, Parser};
+use pirouette::pipeline::{CancelToken, Goal};
+
+use args::{Cli, Command};
+use output::Output;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let output = Output::new(cli.json, cli.quiet);
+    match run(&cli, output) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // The one place where errors are printed, with the whole chain in one line.
+            let message = one_line(&error);
+            eprintln!("error: {message}");
+            output.failed(&message);
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(cli: &Cli, output: Output) -> Result<()> {
+    if let Some(jobs) = cli.jobs {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(usize::from(jobs))
+            .build_global()
+            .context("cannot start the threads")?;
+    }
+    let cancel = cancel_on_interrupt()?;
+    let scan = |args, goal| scan_command::run(args, goal, output, cli.quiet, &cancel);
+    match &cli.command {
+        Command::Segment(args) => scan(args, Goal::Segment),
+        Command::Arap(args) => arap_command::run(args, output),
+        Command::Completions { shell } => {
+            clap_complete::generate(
+                *shell,
+                &mut Cli::command(),
+                "pirouette",
+                &mut std::io::stdout(),
+            );
+            Ok(())
+        }
+    }
+}
+
+/// An error with its causes; those that a message already tells are not told twice
+fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if line.contains(&cause) {
+            continue;
+        }
+        if !line.is_empty() {
+            line.push_str(": ");
+        }
+        line.push_str(&cause);
+    }
+    line.replace('\n', " ")
+}
+
+/// A request to stop that Ctrl-C makes; what is being written is written to its end
+fn cancel_on_interrupt() -> Result<CancelToken> {
+    let cancel = CancelToken::default();
+    let handler = cancel.clone();
+    ctrlc::set_handler(move || handler.cancel()).context("cannot listen to Ctrl-C")?;
+    Ok(cancel)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::anyhow;
+
+    #[test]
+    fn causes_are_told_once() {
+        let error = anyhow!("no room").context("a.png: no room").context("out");
+        assert_eq!(one_line(&error), "out: a.png: no room");
+    }
+}

@@ -9,4 +9,5 @@ pub mod mesh;
 pub mod openpose;
 pub mod photo;
 pub mod points;
+pub mod results;
 pub mod scan_folder;

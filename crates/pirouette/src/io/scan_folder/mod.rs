@@ -23,11 +23,31 @@ use crate::units::TurnAngle;
 
 pub use write::{WriteScanError, keypoint_file, write_scan};
 
-/// Photos are shrunk to this length of the longer side, in px
-///
-/// Twice as many pixels per body as the masks need for girths (2 mm a pixel at 900 px of stature); time and
-/// memory grow with the area, and phones deliver 4000 px.
-pub const DEFAULT_MAX_SIDE_PX: usize = 1600;
+/// How a scan folder is loaded
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LoadOptions {
+    /// Longer side that larger photos are shrunk to, in px
+    ///
+    /// Time and memory grow with its square; at 1600 px a pixel shows about 1.2 mm of a person.
+    pub max_side_px: usize,
+    /// Whether views with another shape of the photo than most are left out
+    ///
+    /// A camera that was turned or cropped is another camera: such views agree with the others in
+    /// silhouettes at best.
+    pub one_shape: bool,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self {
+            max_side_px: 1600,
+            one_shape: true,
+        }
+    }
+}
+
+/// Photos of one shape agree in width over height within this share; scaling rounds to whole pixels
+const SHAPE_TOLERANCE: f64 = 0.01;
 
 /// Longest keypoint file or manifest that is read, in bytes
 const MAX_JSON_BYTES: u64 = 64 << 20;
@@ -122,6 +142,15 @@ pub enum ViewError {
     },
     #[error("{file} is empty: no pixel is person")]
     EmptyMask { file: String },
+    #[error(
+        "the photo has {width_px} x {height_px} px, another shape than the {common_width_px} x {common_height_px} px of most; all photos of a scan come from one camera, held one way"
+    )]
+    OtherShape {
+        width_px: usize,
+        height_px: usize,
+        common_width_px: usize,
+        common_height_px: usize,
+    },
 }
 
 /// A decision that was taken without being asked
@@ -164,14 +193,14 @@ impl ScanWarning {
     }
 }
 
-/// Loads a scan folder; `max_side_px` is the longer side that larger photos are shrunk to
+/// Loads a scan folder
 ///
 /// Without a manifest, or without `views` in it, the photos are taken in the order of their names, where
 /// numbers count as numbers (`2.jpg` before `10.jpg`).
 ///
 /// # Errors
 /// When the folder or its manifest cannot be read, a path leaves the folder, or there are no photos.
-pub fn load_scan(folder: &Path, max_side_px: usize) -> Result<LoadedScan, ScanError> {
+pub fn load_scan(folder: &Path, options: &LoadOptions) -> Result<LoadedScan, ScanError> {
     if !folder.is_dir() {
         return Err(ScanError::NotAFolder {
             path: folder.to_owned(),
@@ -201,10 +230,13 @@ pub fn load_scan(folder: &Path, max_side_px: usize) -> Result<LoadedScan, ScanEr
         TurnAngle::from_degrees(entries[index].angle_deg.unwrap_or(even))
     };
 
-    let loaded: Vec<_> = entries
+    let mut loaded: Vec<_> = entries
         .par_iter()
-        .map(|entry| load_view(&folder, entry, max_side_px))
+        .map(|entry| load_view(&folder, entry, options.max_side_px))
         .collect();
+    if options.one_shape {
+        refuse_other_shapes(&mut loaded);
+    }
     let (mut views, mut failed, mut fields_of_view) = (Vec::new(), Vec::new(), Vec::new());
     for (index, (entry, result)) in entries.iter().zip(loaded).enumerate() {
         let name = manifest::stem(&entry.image);
@@ -542,6 +574,32 @@ fn scale_keypoints(keypoints: &Keypoints, scale: glam::DVec2) -> Keypoints {
         scaled.set(joint, keypoint);
     }
     scaled
+}
+
+/// Leaves out the views whose photos have another shape than most; of equally many, the first counts
+fn refuse_other_shapes(loaded: &mut [Result<LoadedView, ViewError>]) {
+    let sizes: Vec<(usize, usize)> = loaded.iter().flatten().map(|v| v.input_size_px).collect();
+    let alike = |a: (usize, usize), b: (usize, usize)| {
+        let shape = |(width, height): (usize, usize)| width as f64 / height as f64;
+        (shape(a) / shape(b) - 1.0).abs() <= SHAPE_TOLERANCE
+    };
+    let votes = |size: (usize, usize)| sizes.iter().filter(|&&other| alike(size, other)).count();
+    // The last of equal maxima wins, so the order is turned around.
+    let Some(&common) = sizes.iter().rev().max_by_key(|&&size| votes(size)) else {
+        return;
+    };
+    for view in loaded {
+        if let Ok(found) = view
+            && !alike(found.input_size_px, common)
+        {
+            *view = Err(ViewError::OtherShape {
+                width_px: found.input_size_px.0,
+                height_px: found.input_size_px.1,
+                common_width_px: common.0,
+                common_height_px: common.1,
+            });
+        }
+    }
 }
 
 /// The median field of view that the photos' EXIF tells

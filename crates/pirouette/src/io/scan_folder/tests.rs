@@ -25,7 +25,7 @@ impl TestFolder {
     }
 
     fn load(&self) -> Result<LoadedScan, ScanError> {
-        load_scan(self.0.path(), DEFAULT_MAX_SIDE_PX)
+        load_scan(self.0.path(), &LoadOptions::default())
     }
 }
 
@@ -127,12 +127,37 @@ fn a_given_mask_needs_no_keypoints_but_the_size_of_the_photo() {
 fn large_photos_are_shrunk_with_their_keypoints() {
     let folder = TestFolder::new();
     folder.photo("0.png", 80, 100).keypoints("0_keypoints.json");
-    let loaded = load_scan(folder.0.path(), 50).unwrap();
+    let small = LoadOptions {
+        max_side_px: 50,
+        ..LoadOptions::default()
+    };
+    let loaded = load_scan(folder.0.path(), &small).unwrap();
     let view = &loaded.scan.views[0];
     assert_eq!((view.photo.width(), view.photo.height()), (40, 50));
     assert_eq!(view.input_size_px, (80, 100));
     let nose = view.keypoints.get(Joint::Nose).position;
     assert!((nose.x - 5.0).abs() < 1e-9);
+}
+
+#[test]
+fn photos_of_another_shape_are_left_out_unless_they_stand_alone() {
+    let folder = TestFolder::new();
+    for (name, width, height) in [("0", 50, 40), ("1", 40, 50), ("2", 80, 100)] {
+        folder.photo(&format!("{name}.png"), width, height);
+        folder.keypoints(&format!("{name}_keypoints.json"));
+    }
+    let loaded = folder.load().unwrap();
+    assert_eq!(loaded.failed[0].view, "0");
+    assert!(matches!(
+        loaded.failed[0].reason,
+        ViewError::OtherShape { .. }
+    ));
+    let each = LoadOptions {
+        one_shape: false,
+        ..LoadOptions::default()
+    };
+    let loaded = load_scan(folder.0.path(), &each).unwrap();
+    assert_eq!(loaded.scan.views.len(), 3);
 }
 
 #[test]
@@ -151,7 +176,7 @@ fn several_people_are_told() {
 fn errors_of_the_whole_folder_say_where() {
     let folder = TestFolder::new();
     assert!(matches!(folder.load(), Err(ScanError::NoPhotos { .. })));
-    let nowhere = load_scan(&folder.0.path().join("nowhere"), 100);
+    let nowhere = load_scan(&folder.0.path().join("nowhere"), &LoadOptions::default());
     assert!(matches!(nowhere, Err(ScanError::NotAFolder { .. })));
     folder.photo("0.png", 40, 50).photo("0.jpg", 40, 50);
     assert!(matches!(folder.load(), Err(ScanError::SameName { .. })));

@@ -1,0 +1,49 @@
+//! `pirouette arap`: the deformation alone.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use pirouette::geom::arap::{ArapOptions, deform_points};
+use pirouette::io::atomic::write_whole;
+use pirouette::io::mesh::{read_off, write_off};
+use pirouette::io::points::parse_points;
+use serde_json::json;
+
+use crate::args::ArapArgs;
+use crate::output::Output;
+
+/// Deforms a planar mesh and writes it
+pub fn run(args: &ArapArgs, output: Output) -> Result<()> {
+    let mesh = read(&args.mesh)?;
+    let mesh = read_off(&mesh).with_context(|| args.mesh.display().to_string())?;
+    let points = |file: &Path| {
+        let bytes = read(file)?;
+        parse_points(&bytes).with_context(|| file.display().to_string())
+    };
+    let (source, target) = (points(&args.source)?, points(&args.target)?);
+    ensure!(
+        source.len() == target.len(),
+        "{} has {} points, but {} has {}; they belong together row by row",
+        args.source.display(),
+        source.len(),
+        args.target.display(),
+        target.len()
+    );
+    let deformed = deform_points(&mesh, &source, &target, &ArapOptions::default())
+        .with_context(|| format!("cannot deform {}", args.mesh.display()))?;
+    write_whole(&args.out, &write_off(&deformed))?;
+    output.done(
+        &format!(
+            "{}: {} vertices, {} moved to their targets",
+            args.out.display(),
+            deformed.positions.len(),
+            source.len()
+        ),
+        || json!({ "ok": true, "out": args.out, "vertices": deformed.positions.len() }),
+    );
+    Ok(())
+}
+
+fn read(file: &Path) -> Result<Vec<u8>> {
+    std::fs::read(file).with_context(|| format!("cannot read {}", file.display()))
+}

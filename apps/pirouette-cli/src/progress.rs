@@ -1,0 +1,70 @@
+//! Progress on standard error: a bar on a terminal, plain lines elsewhere.
+
+use std::io::IsTerminal;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use pirouette::pipeline::Event;
+
+/// Shows what a running job tells
+#[derive(Debug)]
+pub enum Progress {
+    /// One bar that changes with the stage
+    Bar(ProgressBar),
+    /// One line per stage
+    Lines,
+    /// Nothing
+    Quiet,
+}
+
+impl Progress {
+    /// The way that suits standard error
+    pub fn new(quiet: bool) -> Self {
+        if quiet {
+            Progress::Quiet
+        } else if std::io::stderr().is_terminal() {
+            let bar = ProgressBar::with_draw_target(Some(0), ProgressDrawTarget::stderr());
+            let style = ProgressStyle::with_template("{prefix:>10} {wide_bar} {pos}/{len}");
+            if let Ok(style) = style {
+                bar.set_style(style);
+            }
+            Progress::Bar(bar)
+        } else {
+            Progress::Lines
+        }
+    }
+
+    /// Shows one event
+    pub fn show(&self, event: &Event) {
+        match (self, event) {
+            (Progress::Quiet, _) => {}
+            (Progress::Bar(bar), Event::StageStarted { stage, step_count }) => {
+                bar.set_prefix(stage.name());
+                bar.set_length(*step_count as u64);
+                bar.set_position(0);
+            }
+            (Progress::Bar(bar), Event::StepDone { .. }) => bar.inc(1),
+            (Progress::Bar(_), Event::StageDone { .. }) => {}
+            (Progress::Lines, Event::StageDone { stage, seconds }) => {
+                eprintln!("{}: {seconds:.2} s", stage.name());
+            }
+            (Progress::Lines, Event::StageStarted { .. } | Event::StepDone { .. }) => {}
+            (_, Event::Warning(warning)) => self.say(&format!("warning: {warning}")),
+        }
+    }
+
+    /// Prints a line without tearing the bar apart
+    pub fn say(&self, line: &str) {
+        match self {
+            Progress::Bar(bar) => bar.suspend(|| eprintln!("{line}")),
+            Progress::Lines => eprintln!("{line}"),
+            Progress::Quiet => {}
+        }
+    }
+
+    /// Takes the bar away
+    pub fn finish(&self) {
+        if let Progress::Bar(bar) = self {
+            bar.finish_and_clear();
+        }
+    }
+}

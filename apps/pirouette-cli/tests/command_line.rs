@@ -1,0 +1,127 @@
+//! The command line itself: help, exit codes, output for people and programs.
+
+mod common;
+
+use common::{Folders, pirouette, text};
+
+const COMMANDS: [&str; 3] = ["segment", "arap", "completions"];
+
+#[test]
+fn every_command_has_help_with_examples() {
+    let run = pirouette(&["--help"]).exits_with(0);
+    for command in COMMANDS {
+        assert!(run.stdout().contains(command), "{command}");
+        let help = pirouette(&[command, "--help"]).exits_with(0).stdout();
+        assert!(help.contains("Examples:"), "{command}: {help}");
+        assert!(help.contains(&format!("pirouette {command}")), "{command}");
+    }
+}
+
+#[test]
+fn wrong_usage_exits_with_2() {
+    for args in [
+        &["scam", "x"][..],
+        &["segment"],
+        &["segment", "x", "--method", "magic"],
+        &["segment", "x", "--jobs", "0"],
+        &["arap"],
+        &[],
+    ] {
+        pirouette(args).exits_with(2);
+    }
+}
+
+#[test]
+fn failures_exit_with_1_and_one_line() {
+    let run = pirouette(&["segment", "nowhere", "--json"]).exits_with(1);
+    let error = run.stderr();
+    assert_eq!(error.lines().count(), 1, "{error}");
+    assert!(error.starts_with("error: "), "{error}");
+    let line = run.json_line();
+    assert_eq!(line["ok"], false);
+    assert!(line["error"].as_str().unwrap().contains("nowhere"));
+}
+
+#[test]
+fn completions_are_printed_for_each_shell() {
+    for shell in ["bash", "zsh", "fish"] {
+        let run = pirouette(&["completions", shell]).exits_with(0);
+        assert!(run.stdout().contains("pirouette"), "{shell}");
+    }
+}
+
+const SQUARE: &str = "OFF\n5 4 0\n0 0 0\n10 0 0\n10 10 0\n0 10 0\n5 5 0\n\
+    3 0 1 4\n3 1 2 4\n3 2 3 4\n3 3 0 4\n";
+
+#[test]
+fn arap_moves_the_rest_along() {
+    let folders = Folders::empty();
+    let mesh = folders.write("in.off", SQUARE);
+    let source = folders.write("source.csv", "x,y\n0,0\n10,0\n");
+    let target = folders.write("target.csv", "3,4\n13,4\n");
+    let out = folders.path("deformed.off");
+    pirouette(&[
+        "arap",
+        "--mesh",
+        text(&mesh),
+        "--source",
+        text(&source),
+        "--target",
+        text(&target),
+        "-o",
+        text(&out),
+    ])
+    .exits_with(0);
+    let written = std::fs::read(&out).unwrap();
+    let deformed = pirouette::io::mesh::read_off(&written).unwrap();
+    for (index, (x, y)) in [
+        (3.0, 4.0),
+        (13.0, 4.0),
+        (13.0, 14.0),
+        (3.0, 14.0),
+        (8.0, 9.0),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let point = deformed.positions[index];
+        let off = (point.x - x).abs() + (point.y - y).abs() + point.z.abs();
+        assert!(off < 1e-3, "vertex {index} is at {point}");
+    }
+}
+
+#[test]
+fn arap_names_the_line_that_is_wrong() {
+    let folders = Folders::empty();
+    let mesh = folders.write("in.off", SQUARE);
+    let source = folders.write("source.csv", "0,0\n10\n");
+    let target = folders.write("target.csv", "3,4\n");
+    let out = folders.path("deformed.off");
+    let run = |source: &std::path::Path| {
+        pirouette(&[
+            "arap",
+            "--mesh",
+            text(&mesh),
+            "--source",
+            text(source),
+            "--target",
+            text(&target),
+            "-o",
+            text(&out),
+        ])
+        .exits_with(1)
+        .stderr()
+    };
+    let error = run(&source);
+    assert!(
+        error.contains("source.csv") && error.contains("line 2"),
+        "{error}"
+    );
+    let unequal = folders.write("two.csv", "0,0\n10,0\n");
+    let error = run(&unequal);
+    assert!(
+        error.contains("2 points") && error.contains("has 1"),
+        "{error}"
+    );
+    assert!(!out.exists());
+}

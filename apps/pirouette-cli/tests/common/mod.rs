@@ -1,0 +1,98 @@
+//! Fresh folders, rendered scans and the command itself.
+
+#![allow(dead_code, reason = "each test program uses its part")]
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use serde_json::Value;
+
+/// A scan folder and a place for results, both temporary
+pub struct Folders {
+    temporary: tempfile::TempDir,
+}
+
+impl Folders {
+    pub fn empty() -> Self {
+        let temporary = tempfile::tempdir().unwrap();
+        std::fs::create_dir(temporary.path().join("scan")).unwrap();
+        Self { temporary }
+    }
+
+    pub fn scan(&self) -> PathBuf {
+        self.temporary.path().join("scan")
+    }
+
+    pub fn out(&self) -> PathBuf {
+        self.temporary.path().join("out")
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.temporary.path().join(name)
+    }
+
+    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    /// Runs a scanning command from the scan folder to the result folder
+    pub fn run(&self, command: &str, switches: &[&str]) -> Run {
+        let mut all = vec![command];
+        let (scan, out) = (self.scan(), self.out());
+        all.extend([text(&scan), "-o", text(&out)]);
+        all.extend(switches);
+        pirouette(&all)
+    }
+
+    pub fn json(&self, name: &str) -> Value {
+        let bytes = std::fs::read(self.out().join(name)).unwrap();
+        serde_json::from_slice(&bytes).unwrap()
+    }
+}
+
+pub fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// A finished run of the command
+pub struct Run {
+    output: Output,
+}
+
+/// Runs the command
+pub fn pirouette(args: &[&str]) -> Run {
+    let output = assert_cmd::Command::cargo_bin("pirouette")
+        .unwrap()
+        .args(args)
+        .output()
+        .unwrap();
+    Run { output }
+}
+
+impl Run {
+    pub fn stdout(&self) -> String {
+        String::from_utf8(self.output.stdout.clone()).unwrap()
+    }
+
+    pub fn stderr(&self) -> String {
+        String::from_utf8(self.output.stderr.clone()).unwrap()
+    }
+
+    #[track_caller]
+    pub fn exits_with(self, code: i32) -> Self {
+        let found = self.output.status.code();
+        assert_eq!(found, Some(code), "{}{}", self.stdout(), self.stderr());
+        self
+    }
+
+    /// The one line that programs read
+    #[track_caller]
+    pub fn json_line(&self) -> Value {
+        let stdout = self.stdout();
+        assert_eq!(stdout.lines().count(), 1, "{stdout}");
+        serde_json::from_str(&stdout).unwrap()
+    }
+}

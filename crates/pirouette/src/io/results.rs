@@ -1,0 +1,245 @@
+//! Result folders: masks, pictures, bodies, measurements, and what was found along the way.
+//!
+//! Keys are stable, lengths in mm or in px of the photo as given, angles in degrees. An existing folder is
+//! replaced only file by file.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec2;
+use pirouette_geom::{Grid, Mask};
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+use thiserror::Error;
+
+use crate::avatar::ReferencePose;
+use crate::bundle::{Bundle, Scale};
+use crate::io::atomic::{WriteError, make_folder, write_whole};
+use crate::io::photo::{encode_mask, resample};
+use crate::io::scan_folder::LoadedScan;
+use crate::pipeline::{Goal, Method, Report, ViewReport, Warning};
+use crate::scan::View;
+use crate::skeleton::{Bone, Joint};
+
+/// Why results could not be written
+#[derive(Debug, Error)]
+pub enum ResultError {
+    /// No room, or not allowed
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// A picture that the encoder refuses
+    #[error("cannot make {}: {source}", file.display())]
+    Picture {
+        /// The file
+        file: PathBuf,
+        /// What the encoder says
+        source: image::ImageError,
+    },
+}
+
+/// Writes all that a report holds into a result folder
+///
+/// # Errors
+/// When the folder cannot be written; files that were written before stay, none is partial.
+pub fn write_results(
+    folder: &Path,
+    loaded: &LoadedScan,
+    load_seconds: f64,
+    report: &Report,
+) -> Result<(), ResultError> {
+    make_folder(folder)?;
+    report
+        .views
+        .par_iter()
+        .try_for_each(|view| write_view(folder, loaded, report, view))?;
+    let result = result_value(loaded, load_seconds, report);
+    write_json(&folder.join("result.json"), &result)
+}
+
+fn write_view(
+    folder: &Path,
+    loaded: &LoadedScan,
+    report: &Report,
+    found: &ViewReport,
+) -> Result<(), ResultError> {
+    let view = &loaded.scan.views[found.index];
+    let folder = folder.join("views").join(&view.name);
+    make_folder(&folder)?;
+    let silhouette = &found.silhouette;
+    let mask = in_input_size(view, &silhouette.mask, &silhouette.soft);
+    write_mask(&folder.join("mask.png"), &mask)?;
+    let value = view_value(view, report.bundle.as_ref(), found);
+    write_json(&folder.join("view.json"), &value)
+}
+
+/// A silhouette at the size of the photo as given; where this is not the working size, the soft one decides
+fn in_input_size(view: &View, mask: &Mask, soft: &Grid<f32>) -> Mask {
+    let (width, height) = view.input_size_px;
+    if (mask.width(), mask.height()) == (width, height) {
+        mask.clone()
+    } else {
+        resample(soft, width, height).threshold(0.5)
+    }
+}
+
+fn write_mask(file: &Path, mask: &Mask) -> Result<(), ResultError> {
+    let png = encode_mask(mask).map_err(|source| ResultError::Picture {
+        file: file.to_owned(),
+        source,
+    })?;
+    Ok(write_whole(file, &png)?)
+}
+
+fn write_json(file: &Path, value: &Value) -> Result<(), ResultError> {
+    Ok(write_whole(file, format!("{value:#}\n").as_bytes())?)
+}
+
+/// What result.json holds
+pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> Value {
+    let scan = &loaded.scan;
+    let mut views: Vec<Value> = scan
+        .views
+        .iter()
+        .enumerate()
+        .map(|(index, view)| {
+            let dropped = report.dropped.iter().find(|d| d.index == index);
+            let failure = dropped.map(|d| (d.stage.name(), d.reason.to_string()));
+            view_entry(&view.name, view.turn.degrees(), failure)
+        })
+        .collect();
+    views.extend(loaded.failed.iter().map(|failed| {
+        let failure = Some(("load", failed.reason.to_string()));
+        view_entry(&failed.view, failed.turn.degrees(), failure)
+    }));
+    let scan_warnings = loaded.warnings.iter().cloned().map(Warning::Scan);
+    let warnings: Vec<Value> = scan_warnings
+        .chain(report.warnings.iter().cloned())
+        .map(|warning| {
+            let mut entry = json!({ "code": warning.code(), "message": warning.to_string() });
+            if let Some(view) = warning.view() {
+                entry["view"] = json!(view);
+            }
+            entry
+        })
+        .collect();
+    let mut seconds = Map::from_iter([("load".to_owned(), rounded(load_seconds, 3))]);
+    for (stage, time) in &report.seconds {
+        seconds.insert(stage.name().to_owned(), rounded(*time, 3));
+    }
+    let mut value = json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "goal": goal_name(report.goal),
+        "method": method_name(report.method),
+        "pose": match scan.pose { ReferencePose::A => "a", ReferencePose::T => "t" },
+        "stature_mm": scan.stature_mm,
+        "views": views,
+        "warnings": warnings,
+        "seconds": seconds,
+    });
+    if let Some(bundle) = &report.bundle {
+        value["camera"] = camera_value(bundle);
+        value["skeleton"] = skeleton_value(bundle);
+    }
+    value
+}
+
+fn view_entry(name: &str, angle_deg: f64, failure: Option<(&str, String)>) -> Value {
+    let angle = rounded(angle_deg, 3);
+    match failure {
+        None => json!({ "name": name, "angle_deg": angle, "status": "ok" }),
+        Some((stage, reason)) => json!({
+            "name": name, "angle_deg": angle, "status": "failed", "stage": stage, "reason": reason,
+        }),
+    }
+}
+
+/// Name of a method on the command line and in files
+pub fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::Fit => "fit",
+        Method::ThreeStep => "three-step",
+    }
+}
+
+/// Name of a goal on the command line and in files
+pub fn goal_name(goal: Goal) -> &'static str {
+    match goal {
+        Goal::Segment => "segment",
+        Goal::Normalize => "normalize",
+        Goal::Reconstruct => "reconstruct",
+        Goal::Measure => "measure",
+    }
+}
+
+fn camera_value(bundle: &Bundle) -> Value {
+    let Some(camera) = bundle.cameras.first() else {
+        return Value::Null;
+    };
+    json!({
+        "vertical_fov_deg": rounded(camera.vertical_fov_radians.to_degrees(), 3),
+        "height_mm": rounded(camera.height_mm, 1),
+        "distance_mm": rounded(camera.distance_mm, 1),
+        "pitch_deg": rounded(camera.pitch_radians.to_degrees(), 3),
+    })
+}
+
+fn skeleton_value(bundle: &Bundle) -> Value {
+    let scales = Scale::ALL
+        .iter()
+        .map(|&scale| {
+            let factor = bundle.scales.factor(scale);
+            (scale.name().to_owned(), rounded(factor, 4))
+        })
+        .collect::<Map<_, _>>();
+    json!({ "rms_px": rounded(bundle.rms_px, 2), "bone_scales": scales })
+}
+
+fn view_value(view: &View, bundle: Option<&Bundle>, found: &ViewReport) -> Value {
+    let (width, height) = view.input_size_px;
+    // Everything inside is in px of the photo that was worked on.
+    let scale = DVec2::new(
+        width as f64 / view.photo.width() as f64,
+        height as f64 / view.photo.height() as f64,
+    );
+    let mut detected = Map::new();
+    for joint in Joint::ALL {
+        if let Some(keypoint) = view.keypoints.found(joint) {
+            let p = keypoint.position * scale;
+            let entry = json!([
+                rounded(p.x, 2),
+                rounded(p.y, 2),
+                rounded(keypoint.confidence, 3)
+            ]);
+            detected.insert(joint.name().to_owned(), entry);
+        }
+    }
+    let mut value = json!({
+        "name": view.name,
+        "angle_deg": rounded(view.turn.degrees(), 3),
+        "width_px": width,
+        "height_px": height,
+        "mask_given": view.mask.is_some(),
+        "silhouette_from_avatar": found.silhouette.prior_used,
+        "joints_px": { "detected": detected },
+    });
+    if let Some(pose) = bundle.and_then(|bundle| bundle.poses.get(found.index)) {
+        let rotations = Bone::ALL
+            .iter()
+            .map(|&bone| {
+                let degrees = pose.rotations[bone as usize].to_array();
+                let degrees = degrees.map(|r| rounded(r.to_degrees(), 2));
+                (bone.name().to_owned(), json!(degrees))
+            })
+            .collect::<Map<_, _>>();
+        value["pose"] = json!({
+            "rotations_deg": rotations,
+            "shift_mm": pose.shift_mm.to_array().map(|v| rounded(v, 1)),
+        });
+    }
+    value
+}
+
+/// A number with so many digits after the point; what is not finite is null
+fn rounded(value: f64, digits: i32) -> Value {
+    let unit = 10f64.powi(digits);
+    json!((value * unit).round() / unit)
+}

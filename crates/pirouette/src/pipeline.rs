@@ -1,1 +1,0 @@
-//! The whole job: stages in order, events, cancellation.

@@ -1,0 +1,57 @@
+//! What a job found.
+
+use thiserror::Error;
+
+use crate::avatar::Avatar;
+use crate::bundle::Bundle;
+use crate::pipeline::{Goal, Method, Stage, Warning};
+use crate::segment::{SegmentError, Silhouette};
+
+/// What a job found, up to its goal
+#[derive(Debug)]
+pub struct Report {
+    /// How it was done
+    pub method: Method,
+    /// How far it went
+    pub goal: Goal,
+    /// The reference figure, at the stature of the person
+    pub avatar: Avatar,
+    /// One skeleton for all views; `None` when the keypoints did not suffice and silhouettes were all that was asked for
+    pub bundle: Option<Bundle>,
+    /// The views that went through, in the order of the scan
+    pub views: Vec<ViewReport>,
+    /// The views that did not
+    pub dropped: Vec<DroppedView>,
+    /// What was decided without being asked
+    pub warnings: Vec<Warning>,
+    /// How long each stage took, in order
+    pub seconds: Vec<(Stage, f64)>,
+}
+
+/// What was found in one view
+#[derive(Debug)]
+pub struct ViewReport {
+    /// Its place in the scan, and in the bundle
+    pub index: usize,
+    /// The person in the photo
+    pub silhouette: Silhouette,
+}
+
+/// A view that a stage could not use
+#[derive(Debug, Clone, PartialEq)]
+pub struct DroppedView {
+    /// Its place in the scan
+    pub index: usize,
+    /// The stage that gave up on it
+    pub stage: Stage,
+    /// Why
+    pub reason: DropReason,
+}
+
+/// Why a stage gave up on a view
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum DropReason {
+    /// No silhouette
+    #[error("{0}")]
+    Segment(SegmentError),
+}

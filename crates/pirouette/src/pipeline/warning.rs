@@ -1,0 +1,78 @@
+//! What a job decided without being asked.
+
+use thiserror::Error;
+
+use crate::bundle::{BundleError, BundleWarning, Limb};
+use crate::io::scan_folder::ScanWarning;
+use crate::pipeline::{DropReason, Stage};
+use crate::skeleton::Joint;
+
+/// Something that the user should know, though the job goes on
+#[derive(Debug, Clone, PartialEq, Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum Warning {
+    #[error("{0}")]
+    Scan(ScanWarning),
+    #[error("view {view} is left out ({}): {reason}", stage.name())]
+    ViewDropped {
+        view: String,
+        stage: Stage,
+        reason: DropReason,
+    },
+    #[error("no skeleton fits all views, each photo is segmented by its own bones: {0}")]
+    NoSkeleton(BundleError),
+    #[error("{0}")]
+    Bundle(BundleWarning),
+    #[error("view {view}: left and right were mixed up ({}); swapped them back", limb.name())]
+    SidesSwapped { view: String, limb: Limb },
+    #[error("view {view}: {} lies {residual_px:.0} px from where the other joints place it", joint.name())]
+    Outlier {
+        view: String,
+        joint: Joint,
+        residual_px: f64,
+    },
+}
+
+impl Warning {
+    /// The view that it is about, if it is about one
+    pub fn view(&self) -> Option<&str> {
+        match self {
+            Warning::Scan(warning) => warning.view(),
+            Warning::ViewDropped { view, .. }
+            | Warning::SidesSwapped { view, .. }
+            | Warning::Outlier { view, .. } => Some(view),
+            Warning::NoSkeleton(_) | Warning::Bundle(_) => None,
+        }
+    }
+
+    /// Stable name for programs
+    pub fn code(&self) -> &'static str {
+        match self {
+            Warning::Scan(warning) => warning.code(),
+            Warning::ViewDropped { .. } => "view_dropped",
+            Warning::NoSkeleton(_) => "no_skeleton",
+            Warning::Bundle(warning) => match warning {
+                BundleWarning::StatureUnknown { .. } => "stature_unknown",
+                BundleWarning::FieldOfViewUnknown { .. } => "field_of_view_unknown",
+                BundleWarning::CameraHeightUnknown { .. } => "camera_height_unknown",
+                BundleWarning::ViewWithoutKeypoints { .. } => "view_without_keypoints",
+                BundleWarning::StatureContradicted { .. } => "stature_contradicted",
+                BundleWarning::UnusualLength { .. } => "unusual_length",
+                BundleWarning::NotConverged => "skeleton_not_settled",
+            },
+            Warning::SidesSwapped { .. } => "sides_swapped",
+            Warning::Outlier { .. } => "outlier",
+        }
+    }
+}
+
+/// Whether a warning matters for lengths in mm only
+pub(super) fn is_about_scale(warning: BundleWarning) -> bool {
+    matches!(
+        warning,
+        BundleWarning::StatureUnknown { .. }
+            | BundleWarning::FieldOfViewUnknown { .. }
+            | BundleWarning::CameraHeightUnknown { .. }
+            | BundleWarning::StatureContradicted { .. }
+    )
+}
