@@ -1,1 +1,327 @@
-//! Rendered people with known truth.
+//! Rendered people with known truth: a figure that turns and sways in a lived-in room, as photos with
+//! noisy keypoints.
+//!
+//! For demonstration, tests and studies. The renderer is honest where it matters for silhouettes (exact
+//! coverage at the outline, perspective, sensor noise), and simple elsewhere (one light, no cast shadows but
+//! the one around the feet). The figure's shape comes from an [`Avatar`], so it is only as human as that.
+
+mod person;
+mod random;
+mod room;
+
+pub use random::Random;
+pub use room::Clutter;
+
+use glam::{DMat3, DVec2, DVec3};
+use pirouette_geom::{Grid, Mask, TriMesh};
+use rayon::prelude::*;
+
+use crate::avatar::{Avatar, render};
+use crate::camera::Camera;
+use crate::pose::{Pose, PosedBones, pose_bones};
+use crate::scan::{CameraSetup, Photo, Scan, View};
+use crate::skeleton::{Bone, Joint, Keypoint, Keypoints};
+use crate::units::TurnAngle;
+
+/// How a person is photographed
+#[derive(Debug, Clone, PartialEq)]
+pub struct SyntheticOptions {
+    /// Equal seeds give equal scans
+    pub seed: u64,
+    /// Turn angle of each view
+    pub turns: Vec<TurnAngle>,
+    /// The camera; the person stands at its turning axis
+    pub camera: Camera,
+    /// Sway relative to that of people who try to stand still; 0 stands still
+    pub sway: f64,
+    /// Standard deviation of visible keypoints, in px at a stature of 800 px; hidden ones have three times as much
+    pub keypoint_noise_px: f64,
+    /// Standard deviation of the sensor noise, in gray levels
+    pub sensor_noise: f64,
+    /// What stands around
+    pub clutter: Clutter,
+}
+
+impl SyntheticOptions {
+    /// Views evenly over one turn
+    pub fn even_turns(view_count: usize) -> Vec<TurnAngle> {
+        (0..view_count)
+            .map(|i| TurnAngle::from_degrees(360.0 * i as f64 / view_count as f64))
+            .collect()
+    }
+
+    /// A camera that sees a person of the given stature with some air around
+    pub fn camera_for(stature_mm: f64, width_px: usize, height_px: usize) -> Camera {
+        let vertical_fov_radians = 50_f64.to_radians();
+        let aspect = (width_px as f64 / height_px as f64).min(0.8);
+        // the arms of an A-pose span about 0.75 statures
+        let seen = (stature_mm * 1.2).max(stature_mm * 0.95 / aspect);
+        Camera {
+            width_px,
+            height_px,
+            vertical_fov_radians,
+            height_mm: stature_mm * 0.52,
+            distance_mm: seen / (2.0 * (vertical_fov_radians / 2.0).tan()) + 0.1 * stature_mm,
+            pitch_radians: 0.0,
+        }
+    }
+}
+
+/// A scan with what is true about it
+#[derive(Debug, Clone)]
+pub struct SyntheticScan {
+    /// What a user would have: photos, keypoints, angles, camera height and field of view, stature
+    pub scan: Scan,
+    /// What nobody would know
+    pub truth: Truth,
+}
+
+/// What is true about a rendered person
+#[derive(Debug, Clone)]
+pub struct Truth {
+    /// The body in the reference pose, world frame, mm
+    pub body: TriMesh,
+    /// The camera
+    pub camera: Camera,
+    /// The pose in each view
+    pub poses: Vec<Pose>,
+    /// The silhouette as photographed, of each view
+    pub silhouettes: Vec<Mask>,
+    /// The silhouette of the person standing still in the reference pose, of each view
+    pub canonical: Vec<Mask>,
+}
+
+/// Photographs an avatar that turns and sways
+pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan {
+    let camera = options.camera;
+    let look = person::Look::new(avatar, options.seed);
+    let background = room::Room::new(options.seed, options.clutter).render(&camera);
+    let views: Vec<_> = options
+        .turns
+        .par_iter()
+        .enumerate()
+        .map(|(index, &turn)| {
+            let mut random =
+                Random::new(options.seed ^ (index as u64 + 1).wrapping_mul(0x5851_f42d_4c95_7f2d));
+            let pose = sway(avatar, turn, options.sway, &mut random);
+            let posed = pose_bones(&avatar.bone_heads, &pose, turn);
+            let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+            let coverage = render::silhouette(&positions, &avatar.mesh.triangles, &camera);
+            let light = look.paint(&background, &positions, &camera);
+            let photo = expose(&light, options.sensor_noise, &mut random);
+            let keypoints = detect(
+                avatar,
+                &posed,
+                &camera,
+                options.keypoint_noise_px,
+                &mut random,
+            );
+            let still: Vec<DVec3> = {
+                let bones = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
+                bones.skin(&avatar.mesh.positions, &avatar.weights)
+            };
+            let canonical =
+                render::silhouette(&still, &avatar.mesh.triangles, &camera).threshold(0.5);
+            let view = View {
+                name: format!("{index:03}"),
+                input_size_px: (camera.width_px, camera.height_px),
+                photo,
+                turn,
+                keypoints,
+                mask: None,
+            };
+            (view, pose, coverage.threshold(0.5), canonical)
+        })
+        .collect();
+    let mut truth = Truth {
+        body: avatar.mesh.clone(),
+        camera,
+        poses: Vec::new(),
+        silhouettes: Vec::new(),
+        canonical: Vec::new(),
+    };
+    let mut scan = Scan {
+        pose: avatar.pose,
+        stature_mm: Some(avatar.stature_mm()),
+        camera: CameraSetup {
+            vertical_fov_radians: Some(camera.vertical_fov_radians),
+            height_mm: Some(camera.height_mm),
+            distance_mm: None,
+            pitch_radians: (camera.pitch_radians != 0.0).then_some(camera.pitch_radians),
+        },
+        views: Vec::new(),
+    };
+    for (view, pose, silhouette, canonical) in views {
+        scan.views.push(view);
+        truth.poses.push(pose);
+        truth.silhouettes.push(silhouette);
+        truth.canonical.push(canonical);
+    }
+    SyntheticScan { scan, truth }
+}
+
+/// Part of the prior deviation that people who try to stand still use up in each parameter
+const SWAY_SHARE: f64 = 0.6;
+
+/// A random pose near the reference pose, with the soles on the floor
+fn sway(avatar: &Avatar, turn: TurnAngle, scale: f64, random: &mut Random) -> Pose {
+    let sigmas = Pose::prior_sigmas();
+    let parameters = std::array::from_fn(|i| {
+        // beyond two deviations nobody calls it standing still
+        random.normal().clamp(-2.0, 2.0) * sigmas[i] * scale * SWAY_SHARE
+    });
+    let mut pose = Pose::from_parameters(&parameters);
+    let posed = pose_bones(&avatar.bone_heads, &pose, turn);
+    let lowest = posed
+        .skin(&avatar.mesh.positions, &avatar.weights)
+        .iter()
+        .fold(f64::INFINITY, |low, p| low.min(p.y));
+    if lowest.is_finite() {
+        pose.shift_mm.y -= lowest;
+    }
+    pose
+}
+
+/// Keypoints as a detector would report them: noisy, less sure of what is hidden
+fn detect(
+    avatar: &Avatar,
+    posed: &PosedBones,
+    camera: &Camera,
+    noise_px: f64,
+    random: &mut Random,
+) -> Keypoints {
+    let visible = render::visible_bones(avatar, posed, camera);
+    let scale = camera.focal_px() * avatar.stature_mm() / camera.distance_mm / 800.0;
+    let mut points = [Keypoint::default(); Joint::COUNT];
+    for joint in Joint::ALL {
+        let place = posed.carry(joint.bone(), avatar.keypoints[joint as usize]);
+        let seen = visible[joint.bone() as usize] && !faces_away(joint, posed);
+        let sigma = noise_px * scale * if seen { 1.0 } else { 3.0 };
+        let confidence = if seen {
+            random.between(0.72, 0.95)
+        } else {
+            random.between(0.35, 0.65)
+        };
+        points[joint as usize] = Keypoint {
+            position: camera.project(place) + DVec2::new(random.normal(), random.normal()) * sigma,
+            confidence,
+        };
+    }
+    for (middle, a, b) in [
+        (Joint::Neck, Joint::LeftShoulder, Joint::RightShoulder),
+        (Joint::MidHip, Joint::LeftHip, Joint::RightHip),
+    ] {
+        let (a, b) = (points[a as usize], points[b as usize]);
+        points[middle as usize] = Keypoint {
+            position: (a.position + b.position) / 2.0,
+            confidence: a.confidence.min(b.confidence),
+        };
+    }
+    Keypoints::new(points)
+}
+
+/// Whether a point of the face lies on the far side of the head
+fn faces_away(joint: Joint, posed: &PosedBones) -> bool {
+    let outward = match joint {
+        Joint::Nose | Joint::LeftEye | Joint::RightEye => DVec3::Z,
+        Joint::LeftEar => DVec3::X,
+        Joint::RightEar => DVec3::NEG_X,
+        _ => return false,
+    };
+    let head: DMat3 = posed.transforms[Bone::Head as usize].matrix3;
+    (head * outward).z < -0.1
+}
+
+/// Turns light into 8-bit pixels with sensor noise
+fn expose(light: &Grid<[f32; 3]>, noise: f64, random: &mut Random) -> Photo {
+    light.map(|c| {
+        c.map(|v| {
+            let level = 255.0 * f64::from(v).clamp(0.0, 1.0).powf(1.0 / 2.2);
+            (level + noise * random.normal()).round().clamp(0.0, 255.0) as u8
+        })
+    })
+}
+
+/// An avatar whose arms and legs stand a little otherwise, as no two people take the same pose
+pub fn with_posture(avatar: &Avatar, rotations: &[(Bone, DVec3)]) -> Avatar {
+    let mut pose = Pose::default();
+    for &(bone, rotation) in rotations {
+        pose.rotations[bone as usize] = rotation;
+    }
+    let posed = pose_bones(&avatar.bone_heads, &pose, TurnAngle::default());
+    let mut moved = avatar.clone();
+    moved.mesh.positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+    moved.bone_heads = std::array::from_fn(|b| posed.head(Bone::ALL[b]));
+    moved.keypoints =
+        std::array::from_fn(|j| posed.carry(Joint::ALL[j].bone(), avatar.keypoints[j]));
+    let low = moved.mesh.bounds().map_or(0.0, |(low, _)| low.y);
+    let lift = DVec3::new(0.0, -low, 0.0);
+    for point in moved
+        .mesh
+        .positions
+        .iter_mut()
+        .chain(&mut moved.bone_heads)
+        .chain(&mut moved.keypoints)
+    {
+        *point += lift;
+    }
+    moved
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::avatar::mannequin::{MannequinParameters, mannequin};
+
+    fn small_scan(sway: f64) -> (Avatar, SyntheticScan) {
+        let avatar = mannequin(&MannequinParameters::default()).unwrap();
+        let options = SyntheticOptions {
+            seed: 5,
+            turns: SyntheticOptions::even_turns(3),
+            camera: SyntheticOptions::camera_for(avatar.stature_mm(), 120, 150),
+            sway,
+            keypoint_noise_px: 0.0,
+            sensor_noise: 0.0,
+            clutter: Clutter::LivedIn,
+        };
+        let scan = synthesize(&avatar, &options);
+        (avatar, scan)
+    }
+
+    #[test]
+    fn who_stands_still_shows_the_canonical_silhouettes_and_exact_keypoints() {
+        let (avatar, synthetic) = small_scan(0.0);
+        let truth = &synthetic.truth;
+        for (silhouette, canonical) in truth.silhouettes.iter().zip(&truth.canonical) {
+            assert!(silhouette.iou(canonical) > 0.999);
+        }
+        let wrist = synthetic.scan.views[0].keypoints.get(Joint::LeftWrist);
+        let expected = truth
+            .camera
+            .project(avatar.keypoints[Joint::LeftWrist as usize]);
+        assert!((wrist.position - expected).length() < 0.5);
+    }
+
+    #[test]
+    fn the_room_stays_while_the_person_turns_and_sways() {
+        let (_, synthetic) = small_scan(1.0);
+        let [a, b] = [
+            &synthetic.scan.views[0].photo,
+            &synthetic.scan.views[2].photo,
+        ];
+        for y in 0..40 {
+            for x in 0..20 {
+                assert_eq!(a[(x, y)], b[(x, y)], "the wall at ({x}, {y})");
+            }
+        }
+        let [a, b] = [
+            &synthetic.truth.silhouettes[0],
+            &synthetic.truth.silhouettes[2],
+        ];
+        assert!(a.iou(b) < 0.95);
+        // nobody floats
+        let bottom = a.bounding_box().unwrap().3;
+        let still = synthetic.truth.canonical[0].bounding_box().unwrap().3;
+        assert!(bottom.abs_diff(still) <= 2);
+    }
+}
