@@ -8,10 +8,12 @@
 mod border;
 mod outline;
 mod simplify;
+mod widen;
 
 pub use border::{Border, trace_borders, trace_contours};
 pub use outline::trace_outline;
-pub use simplify::simplify;
+pub use simplify::{simplified_indices, simplify};
+pub use widen::widen_border;
 
 use glam::DVec2;
 

@@ -21,15 +21,27 @@ use super::Contour;
 /// assert_eq!(simplify(square, 0.1).points.len(), 4);
 /// ```
 pub fn simplify(contour: &Contour, tolerance_px: f64) -> Contour {
-    let mut points = contour.points.clone();
-    points.dedup();
-    while points.len() > 1 && points.first() == points.last() {
-        points.pop();
+    let stays = simplified_indices(contour, tolerance_px);
+    Contour {
+        points: stays.into_iter().map(|i| contour.points[i]).collect(),
+        hole: contour.hole,
     }
+}
+
+/// Indices of the points that [`simplify`] keeps, in its order: ascending, but for one step back to the front
+pub fn simplified_indices(contour: &Contour, tolerance_px: f64) -> Vec<usize> {
+    let at = |i: usize| contour.points[i];
+    let mut indices: Vec<usize> = (0..contour.points.len()).collect();
+    indices.dedup_by(|next, kept| at(*next) == at(*kept));
+    while indices.len() > 1 && at(indices[0]) == at(indices[indices.len() - 1]) {
+        indices.pop();
+    }
+    let mut points: Vec<DVec2> = indices.iter().map(|&i| at(i)).collect();
     let [first, second] = far_apart(&points);
     if first != second {
         // Start at one of the two, so that the halves are plain ranges; the end repeats the start
         points.rotate_left(first);
+        indices.rotate_left(first);
         let middle = (second + points.len() - first) % points.len();
         points.push(points[0]);
         let mut stays = vec![false; points.len()];
@@ -44,12 +56,9 @@ pub fn simplify(contour: &Contour, tolerance_px: f64) -> Contour {
             }
         }
         let mut stays = stays.into_iter();
-        points.retain(|_| stays.next().unwrap_or(false));
+        indices.retain(|_| stays.next().unwrap_or(false));
     }
-    Contour {
-        points,
-        hole: contour.hole,
-    }
+    indices
 }
 
 /// Indices of two points of which each is farthest from the other; equal when all points coincide

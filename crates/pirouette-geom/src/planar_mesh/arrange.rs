@@ -240,32 +240,26 @@ fn split_once(points: &mut Points, edges: &[ArrangedEdge]) -> Option<Vec<(u32, u
             found = true;
         }
     };
-    for (i, j) in overlapping_boxes(points, edges) {
-        let (e, f) = (edges[i], edges[j]);
-        let ([a, b], [c, d]) = (
-            [e.from, e.to].map(|v| points.list[v as usize]),
-            [f.from, f.to].map(|v| points.list[v as usize]),
-        );
-        let (oc, od) = (orientation(a, b, c), orientation(a, b, d));
-        let (oa, ob) = (orientation(c, d, a), orientation(c, d, b));
-        if oc.signum() * od.signum() < 0 && oa.signum() * ob.signum() < 0 {
-            let t = oa as f64 / (oa as f64 - ob as f64);
-            let p = [0, 1].map(|k| (a[k] as f64 + t * (b[k] - a[k]) as f64).round() as i64);
-            let vertex = points.insert(p);
-            cut(i, vertex, &mut cuts);
-            cut(j, vertex, &mut cuts);
-        } else {
-            if oc == 0 && between(a, b, c) {
-                cut(i, f.from, &mut cuts);
+    let segments: Vec<[GridPoint; 2]> = edges
+        .iter()
+        .map(|e| [e.from, e.to].map(|v| points.list[v as usize]))
+        .collect();
+    for (i, j) in overlapping_boxes(&segments) {
+        match meeting(segments[i], segments[j]) {
+            None => {}
+            Some(Meeting::Crossing(t)) => {
+                let [a, b] = segments[i];
+                let p = [0, 1].map(|k| (a[k] as f64 + t * (b[k] - a[k]) as f64).round() as i64);
+                let vertex = points.insert(p);
+                cut(i, vertex, &mut cuts);
+                cut(j, vertex, &mut cuts);
             }
-            if od == 0 && between(a, b, d) {
-                cut(i, f.to, &mut cuts);
-            }
-            if oa == 0 && between(c, d, a) {
-                cut(j, e.from, &mut cuts);
-            }
-            if ob == 0 && between(c, d, b) {
-                cut(j, e.to, &mut cuts);
+            Some(Meeting::Touch(inside)) => {
+                let (e, f) = (edges[i], edges[j]);
+                let ends = [(j, e.from), (j, e.to), (i, f.from), (i, f.to)];
+                for ((edge, vertex), _) in ends.into_iter().zip(inside).filter(|(_, is)| *is) {
+                    cut(edge, vertex, &mut cuts);
+                }
             }
         }
     }
@@ -290,23 +284,20 @@ fn split_once(points: &mut Points, edges: &[ArrangedEdge]) -> Option<Vec<(u32, u
     Some(parts)
 }
 
-/// Pairs of edges whose bounding boxes overlap, by a sweep down the screen
-fn overlapping_boxes(points: &Points, edges: &[ArrangedEdge]) -> Vec<(usize, usize)> {
+/// Pairs of segments whose bounding boxes overlap, by a sweep down the screen
+pub(crate) fn overlapping_boxes(segments: &[[GridPoint; 2]]) -> Vec<(usize, usize)> {
     struct Bounds {
-        edge: usize,
+        segment: usize,
         low: GridPoint,
         high: GridPoint,
     }
-    let mut boxes: Vec<Bounds> = edges
+    let mut boxes: Vec<Bounds> = segments
         .iter()
         .enumerate()
-        .map(|(edge, e)| {
-            let (a, b) = (points.list[e.from as usize], points.list[e.to as usize]);
-            Bounds {
-                edge,
-                low: [a[0].min(b[0]), a[1].min(b[1])],
-                high: [a[0].max(b[0]), a[1].max(b[1])],
-            }
+        .map(|(segment, [a, b])| Bounds {
+            segment,
+            low: [a[0].min(b[0]), a[1].min(b[1])],
+            high: [a[0].max(b[0]), a[1].max(b[1])],
         })
         .collect();
     boxes.sort_by_key(|b| b.low[1]);
@@ -316,12 +307,37 @@ fn overlapping_boxes(points: &Points, edges: &[ArrangedEdge]) -> Vec<(usize, usi
         active.retain(|other| other.high[1] >= current.low[1]);
         for other in &active {
             if other.high[0] >= current.low[0] && current.high[0] >= other.low[0] {
-                pairs.push((other.edge, current.edge));
+                pairs.push((other.segment, current.segment));
             }
         }
         active.push(current);
     }
     pairs
+}
+
+/// How two segments meet, other than in a shared end
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Meeting {
+    /// They cross at this share of the way along the first
+    Crossing(f64),
+    /// Which ends lie inside the other segment: start and end of the first, start and end of the second
+    Touch([bool; 4]),
+}
+
+/// Tests two segments exactly; `None` when they are apart or meet in shared ends only
+pub(crate) fn meeting([a, b]: [GridPoint; 2], [c, d]: [GridPoint; 2]) -> Option<Meeting> {
+    let (oc, od) = (orientation(a, b, c), orientation(a, b, d));
+    let (oa, ob) = (orientation(c, d, a), orientation(c, d, b));
+    if oc.signum() * od.signum() < 0 && oa.signum() * ob.signum() < 0 {
+        return Some(Meeting::Crossing(oa as f64 / (oa as f64 - ob as f64)));
+    }
+    let touch = [
+        oa == 0 && between(c, d, a),
+        ob == 0 && between(c, d, b),
+        oc == 0 && between(a, b, c),
+        od == 0 && between(a, b, d),
+    ];
+    touch.contains(&true).then_some(Meeting::Touch(touch))
 }
 
 /// Twice the signed area of a triangle, exact; positive when its signed area is

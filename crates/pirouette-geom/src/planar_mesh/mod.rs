@@ -7,8 +7,11 @@
 //! Coordinates are rounded to 1/1024 px, which makes all decisions about crossings exact. Triangle angles are
 //! not bounded: beside short contour edges triangles are as thin as the contour asks for.
 
+mod apart;
 mod arrange;
 mod near;
+
+pub use apart::simplify_apart;
 
 use std::collections::HashMap;
 

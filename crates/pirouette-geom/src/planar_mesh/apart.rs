@@ -1,0 +1,123 @@
+//! Simplification of several contours that keeps them from crossing.
+
+use glam::DVec2;
+
+use super::arrange::{GridPoint, meeting, overlapping_boxes, to_grid};
+use super::near::distance_to_segment;
+use crate::contour::{Contour, simplified_indices};
+
+/// Simplifies contours like [`crate::contour::simplify`], more finely where lines would cross or touch
+///
+/// Two lines nearer to each other than the tolerance (legs that nearly touch, a thin wrist) can swap sides when
+/// they are simplified one by one; a mesh of them would be sewn together there. Thin shapes keep their area. Returns for each contour
+/// the indices of the points that stay, ascending but for one step back to the front. Lines that meet
+/// before they are simplified still meet.
+pub fn simplify_apart(contours: &[Contour], tolerance_px: f64) -> Vec<Vec<usize>> {
+    let mut stays: Vec<Vec<usize>> = contours
+        .iter()
+        .map(|contour| simplified_indices(contour, tolerance_px))
+        .collect();
+    // Each round adds points and there are only so many; real contours need two or three rounds.
+    while refine_meetings(contours, &mut stays) {}
+    stays
+}
+
+/// Adds the farthest point to every segment that meets another; false when there was nothing to add
+fn refine_meetings(contours: &[Contour], stays: &mut [Vec<usize>]) -> bool {
+    let mut owners: Vec<(usize, usize)> = Vec::new();
+    let mut segments: Vec<[GridPoint; 2]> = Vec::new();
+    for (c, (contour, indices)) in contours.iter().zip(stays.iter()).enumerate() {
+        let point = |k: usize| to_grid(contour.points[indices[k % indices.len()]]);
+        for k in 0..indices.len() {
+            owners.push((c, k));
+            segments.push([point(k), point(k + 1)]);
+        }
+    }
+    let mut meets = vec![false; segments.len()];
+    for (i, j) in overlapping_boxes(&segments) {
+        let [[a, b], [c, d]] = [segments[i], segments[j]];
+        let coincide = (a, b) == (c, d) || (a, b) == (d, c);
+        if coincide || meeting([a, b], [c, d]).is_some() {
+            (meets[i], meets[j]) = (true, true);
+        }
+    }
+    let mut added = false;
+    // backward, so that insertions do not move the segments still to come
+    for (&(c, k), _) in owners.iter().zip(&meets).rev().filter(|(_, meets)| **meets) {
+        let indices = &mut stays[c];
+        let (from, to) = (indices[k], indices[(k + 1) % indices.len()]);
+        if let Some(middle) = farthest_between(&contours[c].points, from, to) {
+            indices.insert(k + 1, middle);
+            added = true;
+        }
+    }
+    added
+}
+
+/// Index of the point between two others, walking forward around the contour, that is farthest from their segment
+fn farthest_between(points: &[DVec2], from: usize, to: usize) -> Option<usize> {
+    let count = (to + points.len() - from) % points.len();
+    let between = (1..count).map(|step| (from + step) % points.len());
+    let distance = |i: usize| distance_to_segment(points[i], points[from], points[to]);
+    between.max_by(|&i, &j| distance(i).total_cmp(&distance(j)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Mask;
+    use crate::contour::{simplify, trace_outline};
+    use proptest::prelude::*;
+
+    fn crossings(contours: &[Contour]) -> usize {
+        let segments: Vec<[GridPoint; 2]> = contours
+            .iter()
+            .flat_map(|c| c.edges())
+            .map(|edge| edge.map(to_grid))
+            .collect();
+        overlapping_boxes(&segments)
+            .iter()
+            .filter(|&&(i, j)| meeting(segments[i], segments[j]).is_some())
+            .count()
+    }
+
+    fn picked(contours: &[Contour], stays: &[Vec<usize>]) -> Vec<Contour> {
+        let pick = |(c, s): (&Contour, &Vec<usize>)| Contour {
+            points: s.iter().map(|&i| c.points[i]).collect(),
+            hole: c.hole,
+        };
+        contours.iter().zip(stays).map(pick).collect()
+    }
+
+    #[test]
+    fn contours_far_apart_are_simplified_as_usual() {
+        let art = "......... .#######. .#######. .#######. .........";
+        let mask = Mask::from_art(art).map(|&v| f32::from(u8::from(v)));
+        let outline = trace_outline(&mask, 0.5);
+        let stays = simplify_apart(&outline, 1.0);
+        assert_eq!(picked(&outline, &stays), [simplify(&outline[0], 1.0)]);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn outlines_of_noise_never_cross(
+            values in prop::collection::vec(0f32..1.0, 16 * 16),
+            tolerance in 0.0..4.0f64,
+        ) {
+            let outline = trace_outline(&crate::Grid::from_vec(16, 16, values), 0.5);
+            let stays = simplify_apart(&outline, tolerance);
+            for (contour, indices) in outline.iter().zip(&stays) {
+                prop_assert!(indices.iter().all(|&i| i < contour.points.len()));
+                let descents = indices.windows(2).filter(|w| w[1] <= w[0]).count();
+                prop_assert!(descents <= 1);
+            }
+            let simple = picked(&outline, &stays);
+            prop_assert_eq!(crossings(&simple), 0);
+            for contour in &simple {
+                prop_assert!(contour.signed_area() != 0.0);
+                prop_assert_eq!(contour.signed_area() < 0.0, contour.hole);
+            }
+        }
+    }
+}
