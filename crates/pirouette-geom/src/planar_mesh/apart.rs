@@ -9,17 +9,36 @@ use crate::contour::{Contour, simplified_indices};
 /// Simplifies contours like [`crate::contour::simplify`], more finely where lines would cross or touch
 ///
 /// Two lines nearer to each other than the tolerance (legs that nearly touch, a thin wrist) can swap sides when
-/// they are simplified one by one; a mesh of them would be sewn together there. Thin shapes keep their area. Returns for each contour
-/// the indices of the points that stay, ascending but for one step back to the front. Lines that meet
-/// before they are simplified still meet.
-pub fn simplify_apart(contours: &[Contour], tolerance_px: f64) -> Vec<Vec<usize>> {
+/// they are simplified one by one; a mesh of them would be sewn together there. Thin shapes keep their area.
+/// Segments longer than `longest_px` are split where there are points to split at.
+///
+/// Returns for each contour the indices of the points that stay, ascending but for one step back to the front.
+/// Lines that meet before they are simplified still meet.
+pub fn simplify_apart(contours: &[Contour], tolerance_px: f64, longest_px: f64) -> Vec<Vec<usize>> {
     let mut stays: Vec<Vec<usize>> = contours
         .iter()
-        .map(|contour| simplified_indices(contour, tolerance_px))
+        .map(|contour| {
+            let stays = simplified_indices(contour, tolerance_px);
+            split_long(&contour.points, &stays, longest_px)
+        })
         .collect();
     // Each round adds points and there are only so many; real contours need two or three rounds.
     while refine_meetings(contours, &mut stays) {}
     stays
+}
+
+/// Splits long segments in equal numbers of points, which traced contours have at even distances
+fn split_long(points: &[DVec2], stays: &[usize], longest_px: f64) -> Vec<usize> {
+    let mut split = Vec::with_capacity(stays.len());
+    for (k, &from) in stays.iter().enumerate() {
+        let to = stays[(k + 1) % stays.len()];
+        let count = (to + points.len() - from) % points.len();
+        let length = points[from].distance(points[to]);
+        // a ratio that is not a number becomes one part
+        let parts = ((length / longest_px).ceil() as usize).clamp(1, count.max(1));
+        split.extend((0..parts).map(|i| (from + i * count / parts) % points.len()));
+    }
+    split
 }
 
 /// Adds the farthest point to every segment that meets another; false when there was nothing to add
@@ -94,7 +113,7 @@ mod tests {
         let art = "......... .#######. .#######. .#######. .........";
         let mask = Mask::from_art(art).map(|&v| f32::from(u8::from(v)));
         let outline = trace_outline(&mask, 0.5);
-        let stays = simplify_apart(&outline, 1.0);
+        let stays = simplify_apart(&outline, 1.0, f64::INFINITY);
         assert_eq!(picked(&outline, &stays), [simplify(&outline[0], 1.0)]);
     }
 
@@ -104,9 +123,10 @@ mod tests {
         fn outlines_of_noise_never_cross(
             values in prop::collection::vec(0f32..1.0, 16 * 16),
             tolerance in 0.0..4.0f64,
+            longest in 0.5..20.0f64,
         ) {
             let outline = trace_outline(&crate::Grid::from_vec(16, 16, values), 0.5);
-            let stays = simplify_apart(&outline, tolerance);
+            let stays = simplify_apart(&outline, tolerance, longest);
             for (contour, indices) in outline.iter().zip(&stays) {
                 prop_assert!(indices.iter().all(|&i| i < contour.points.len()));
                 let descents = indices.windows(2).filter(|w| w[1] <= w[0]).count();

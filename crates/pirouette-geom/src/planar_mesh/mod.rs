@@ -55,6 +55,15 @@ impl Default for TriangulateOptions {
     }
 }
 
+impl TriangulateOptions {
+    /// Distance of the points that fill the inside, in px; longer contour edges are split
+    pub fn spacing_px(&self) -> Option<f64> {
+        // Half the area, because triangles between the even fill and the contour come out larger.
+        let equilateral = self.max_area.filter(|&area| area > 0.0)? / 2.0;
+        Some((4.0 * equilateral / 3.0_f64.sqrt()).sqrt())
+    }
+}
+
 /// A mesh and what became of the points it was made from
 #[derive(Debug, Clone)]
 pub struct PlanarTriangulation {
@@ -114,9 +123,8 @@ pub fn triangulate(
     let mut arrangement = arrange::arrange(contours.iter().map(|c| c.points.as_slice()));
     let (low, high) = bounds(&arrangement).ok_or(TriangulateError::NoArea)?;
     let spacing = options
-        .max_area
-        .filter(|&area| area > 0.0)
-        .map(|area| fill_spacing(area, high - low));
+        .spacing_px()
+        .map(|spacing| bounded_spacing(spacing, high - low));
     if let Some(spacing) = spacing {
         arrangement.subdivide(spacing);
     }
@@ -192,12 +200,11 @@ fn bounds(arrangement: &Arrangement) -> Option<(DVec2, DVec2)> {
     Some(points.fold((first, first), |(lo, hi), p| (lo.min(p), hi.max(p))))
 }
 
-/// Side of the equilateral triangles that fill the inside
-fn fill_spacing(max_area: f64, size: DVec2) -> f64 {
-    // Half the area, because triangles between the even fill and the contour come out larger.
-    let area = (max_area / 2.0).max(size.x * size.y / MAX_FILL_POINTS);
-    let side = (4.0 * area / 3.0_f64.sqrt()).sqrt();
-    side.max(size.max_element() / MAX_FILL_POINTS)
+/// Widens the spacing where it would take too many points
+fn bounded_spacing(spacing: f64, size: DVec2) -> f64 {
+    spacing
+        .max((size.x * size.y / MAX_FILL_POINTS).sqrt())
+        .max(size.max_element() / MAX_FILL_POINTS)
         .max(4.0 * arrange::GRID_PX)
 }
 
