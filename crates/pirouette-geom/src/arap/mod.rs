@@ -21,6 +21,13 @@ use cholesky::Cholesky;
 /// Cotangents of such angles reach a million; much beyond, they drown the rest of the mesh in rounding.
 const FLATTEST: f64 = 1e-6;
 
+/// Edge weights are at least this
+///
+/// The weight of a boundary edge opposite an obtuse angle is negative. Then a thin triangle gains energy
+/// by turning around, and the rest mesh is no longer its own best deformation. Not zero, so that every part
+/// hangs together; small enough not to be felt.
+const MIN_WEIGHT: f64 = 1e-6;
+
 /// Cotangent of 60 degrees
 const EQUILATERAL_COTANGENT: f64 = 0.577_350_269_189_625_8;
 
@@ -167,9 +174,8 @@ impl ArapSolver {
     ///
     /// # Source
     /// Sorkine & Alexa 2007, "As-rigid-as-possible surface modeling", in the plane: energy over the spokes of each
-    /// vertex (eq. 3) with cotangent weights, not clamped (the system is positive definite all the same,
-    /// and the energy bounded, because the rotations are). The local step needs no singular values: a rotation
-    /// in the plane is one angle.
+    /// vertex (eq. 3) with cotangent weights. Two things differ: negative weights are raised to (almost) zero,
+    /// and the local step needs no singular values, because a rotation in the plane is one angle.
     pub fn new(rest: &PlanarMesh, constrained: &[u32]) -> Result<Self, ArapError> {
         let vertex_count = rest.positions.len();
         let named = rest.triangles.iter().flatten().chain(constrained);
@@ -388,7 +394,7 @@ fn spokes(mesh: &PlanarMesh) -> (Vec<Spoke>, Vec<usize>) {
         }
         spokes.push(Spoke {
             to: b,
-            weight: same.iter().map(|e| e.2).sum(),
+            weight: same.iter().map(|e| e.2).sum::<f64>().max(MIN_WEIGHT),
             rest: mesh.positions[a as usize] - mesh.positions[b as usize],
         });
         first_spoke[a as usize + 1] = spokes.len();

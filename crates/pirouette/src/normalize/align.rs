@@ -1,0 +1,396 @@
+//! Where the joints of a silhouette should go: targets for the deformation.
+//!
+//! As published, each view is aligned on its own: its bones get the directions of the avatar's and keep their
+//! own lengths. The shared skeleton of all views does better: its targets agree in 3D.
+
+use glam::{DVec2, DVec3};
+
+use super::JointPositions;
+use crate::avatar::Avatar;
+use crate::camera::Camera;
+use crate::pose::{Pose, pose_bones};
+use crate::skeleton::{Joint, Keypoints};
+use crate::units::TurnAngle;
+
+/// Bones of the reference view shorter than this share of its trunk (neck to mid hip) are foreshortened: their
+/// direction means nothing
+///
+/// Shoulders and hips in profile, and arms of the T-pose there, are a few pixels long and point anywhere. 45 degrees
+/// from profile the shoulders are a quarter of the trunk again, feet seen from the front about a fifth.
+const MIN_REFERENCE_BONE: f64 = 0.08;
+
+/// The face, which moves as one group at the end of the neck
+const HEAD: [Joint; 5] = [
+    Joint::Nose,
+    Joint::LeftEye,
+    Joint::RightEye,
+    Joint::LeftEar,
+    Joint::RightEar,
+];
+
+/// One limb: from the joint nearest to the trunk's middle outward
+struct LimbChain {
+    joints: [Joint; 3],
+    /// Ankle or wrist carry these along
+    toes: [Joint; 2],
+    heel: Joint,
+}
+
+const LEGS: [LimbChain; 2] = [
+    LimbChain {
+        joints: [Joint::LeftHip, Joint::LeftKnee, Joint::LeftAnkle],
+        toes: [Joint::LeftBigToe, Joint::LeftSmallToe],
+        heel: Joint::LeftHeel,
+    },
+    LimbChain {
+        joints: [Joint::RightHip, Joint::RightKnee, Joint::RightAnkle],
+        toes: [Joint::RightBigToe, Joint::RightSmallToe],
+        heel: Joint::RightHeel,
+    },
+];
+
+const ARMS: [[Joint; 3]; 2] = [
+    [Joint::LeftShoulder, Joint::LeftElbow, Joint::LeftWrist],
+    [Joint::RightShoulder, Joint::RightElbow, Joint::RightWrist],
+];
+
+/// The found and finite joints of a photo
+pub fn detected_joints(keypoints: &Keypoints) -> JointPositions {
+    Joint::ALL.map(|joint| {
+        let position = keypoints.found(joint)?.position;
+        position.is_finite().then_some(position)
+    })
+}
+
+/// Targets of one view by the directions of the reference view's bones
+///
+/// `detected` are the joints in the photo, `reference` those of the avatar in the reference view, both in px. The
+/// middle of the chest stays; from there outward along spine, head, shoulders, hips, arms and legs each bone takes
+/// the direction that it has in the reference view and keeps its length in the photo. Foreshortened bones
+/// of the reference view have no usable direction; theirs is kept from the photo, turned like the bone
+/// before. A chain ends at its first missing joint: targets beyond are `None`.
+///
+/// # Source
+/// Zwettler et al. 2021, eq. 1, read as `target_child = target_parent + |child - parent| *
+/// unit(reference_child - reference_parent)`, with the mid chest half way between neck and mid hip, the toes as one
+/// group at the ankle and the face as one group at the neck.
+pub fn align(detected: &JointPositions, reference: &[DVec2; Joint::COUNT]) -> JointPositions {
+    let at = |joint: Joint| detected[joint as usize];
+    let middle = |a: Joint, b: Joint| Some((at(a)? + at(b)?) / 2.0);
+    let neck = at(Joint::Neck).or_else(|| middle(Joint::LeftShoulder, Joint::RightShoulder));
+    let mid_hip = at(Joint::MidHip).or_else(|| middle(Joint::LeftHip, Joint::RightHip));
+    let neck_in_reference = reference[Joint::Neck as usize];
+    let hip_in_reference = reference[Joint::MidHip as usize];
+
+    let walk = Walk {
+        detected,
+        reference,
+        min_reference_px: MIN_REFERENCE_BONE * neck_in_reference.distance(hip_in_reference),
+    };
+    let mut targets = [None; Joint::COUNT];
+    // without one end of the trunk, the other stays in place of the chest
+    let (neck, mid_hip) = match (neck, mid_hip) {
+        (Some(neck), Some(mid_hip)) => {
+            let chest = Place::fixed(
+                (neck + mid_hip) / 2.0,
+                (neck_in_reference + hip_in_reference) / 2.0,
+            );
+            (
+                Some(walk.follow(&chest, neck, neck_in_reference)),
+                Some(walk.follow(&chest, mid_hip, hip_in_reference)),
+            )
+        }
+        (neck, mid_hip) => (
+            neck.map(|p| Place::fixed(p, neck_in_reference)),
+            mid_hip.map(|p| Place::fixed(p, hip_in_reference)),
+        ),
+    };
+    if let Some(neck) = neck {
+        targets[Joint::Neck as usize] = at(Joint::Neck).map(|_| neck.target);
+        walk.group(&neck, &HEAD, &[], &mut targets);
+        for arm in &ARMS {
+            walk.chain(neck, arm, &mut targets);
+        }
+    }
+    if let Some(mid_hip) = mid_hip {
+        targets[Joint::MidHip as usize] = at(Joint::MidHip).map(|_| mid_hip.target);
+        for leg in &LEGS {
+            if let Some(ankle) = walk.chain(mid_hip, &leg.joints, &mut targets) {
+                walk.group(&ankle, &leg.toes, &[leg.heel], &mut targets);
+            }
+        }
+    }
+    targets
+}
+
+/// A joint in the photo, in the reference view, and where it should go
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    detected: DVec2,
+    reference: DVec2,
+    target: DVec2,
+    /// How the bone that ends here was turned: cosine and sine
+    turn: DVec2,
+}
+
+impl Place {
+    fn fixed(detected: DVec2, reference: DVec2) -> Self {
+        Self {
+            detected,
+            reference,
+            target: detected,
+            turn: DVec2::X,
+        }
+    }
+}
+
+struct Walk<'a> {
+    detected: &'a JointPositions,
+    reference: &'a [DVec2; Joint::COUNT],
+    min_reference_px: f64,
+}
+
+impl Walk<'_> {
+    /// The next place outward
+    fn follow(&self, parent: &Place, detected: DVec2, reference: DVec2) -> Place {
+        let bone = detected - parent.detected;
+        let wanted = reference - parent.reference;
+        let usable = wanted.length() >= self.min_reference_px;
+        let turn = match (bone.try_normalize(), wanted.try_normalize()) {
+            (Some(from), Some(to)) if usable => {
+                DVec2::new(from.dot(to), from.perp_dot(to)).normalize_or(DVec2::X)
+            }
+            _ => parent.turn,
+        };
+        Place {
+            detected,
+            reference,
+            target: parent.target + turn.rotate(bone),
+            turn,
+        }
+    }
+
+    /// Walks along joints until one is missing; the last place if none was
+    fn chain(&self, root: Place, joints: &[Joint], targets: &mut JointPositions) -> Option<Place> {
+        let mut place = root;
+        for &joint in joints {
+            let detected = self.detected[joint as usize]?;
+            place = self.follow(&place, detected, self.reference[joint as usize]);
+            targets[joint as usize] = Some(place.target);
+        }
+        Some(place)
+    }
+
+    /// Turns joints together, such that their centroid gets the direction it has in the reference view
+    ///
+    /// `followers` turn along without a say.
+    fn group(
+        &self,
+        parent: &Place,
+        joints: &[Joint],
+        followers: &[Joint],
+        targets: &mut JointPositions,
+    ) {
+        let (mut count, mut detected, mut reference) = (0.0, DVec2::ZERO, DVec2::ZERO);
+        for &joint in joints {
+            if let Some(p) = self.detected[joint as usize] {
+                count += 1.0;
+                detected += p;
+                reference += self.reference[joint as usize];
+            }
+        }
+        if count == 0.0 {
+            return;
+        }
+        let turn = self
+            .follow(parent, detected / count, reference / count)
+            .turn;
+        for &joint in joints.iter().chain(followers) {
+            targets[joint as usize] = self.detected[joint as usize]
+                .map(|p| parent.target + turn.rotate(p - parent.detected));
+        }
+    }
+}
+
+/// The joints of one skeleton in two poses, as one camera sees them
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SkeletonJoints {
+    /// In the pose of the photo, in px
+    pub photo: [DVec2; Joint::COUNT],
+    /// In the reference pose, turned like the view and standing on the turning axis, in px
+    pub reference: [DVec2; Joint::COUNT],
+}
+
+/// Projects the shared skeleton as posed in a view, and in the reference pose
+///
+/// `avatar` has the person's bone lengths. All joints are known, hidden ones too.
+pub fn shared_skeleton_joints(
+    avatar: &Avatar,
+    pose: &Pose,
+    turn: TurnAngle,
+    camera: &Camera,
+) -> SkeletonJoints {
+    let project = |pose: &Pose| {
+        let posed = pose_bones(&avatar.bone_heads, pose, turn);
+        let mut room: [DVec3; Joint::COUNT] =
+            Joint::ALL.map(|joint| posed.carry(joint.bone(), avatar.keypoints[joint as usize]));
+        for (joint, left, right) in [
+            (Joint::Neck, Joint::LeftShoulder, Joint::RightShoulder),
+            (Joint::MidHip, Joint::LeftHip, Joint::RightHip),
+        ] {
+            room[joint as usize] = room[left as usize].midpoint(room[right as usize]);
+        }
+        room.map(|point| camera.project(point))
+    };
+    SkeletonJoints {
+        photo: project(pose),
+        reference: project(&Pose::default()),
+    }
+}
+
+#[cfg(test)]
+pub(in crate::normalize) mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A figure of 400 px with arms slightly out, as in a reference view
+    pub(in crate::normalize) fn standing() -> [DVec2; Joint::COUNT] {
+        let right = |joint: Joint| match joint {
+            Joint::Nose => (0.0, 60.0),
+            Joint::Neck => (0.0, 105.0),
+            Joint::RightShoulder => (-40.0, 108.0),
+            Joint::RightElbow => (-78.0, 175.0),
+            Joint::RightWrist => (-110.0, 232.0),
+            Joint::MidHip => (0.0, 245.0),
+            Joint::RightHip => (-22.0, 248.0),
+            Joint::RightKnee => (-30.0, 340.0),
+            Joint::RightAnkle => (-37.0, 432.0),
+            Joint::RightEye => (-8.0, 52.0),
+            Joint::RightEar => (-18.0, 56.0),
+            Joint::RightBigToe => (-42.0, 456.0),
+            Joint::RightSmallToe => (-52.0, 454.0),
+            Joint::RightHeel => (-34.0, 440.0),
+            _ => (f64::NAN, f64::NAN),
+        };
+        Joint::ALL.map(|joint| {
+            let (x, y) = right(joint);
+            if x.is_finite() {
+                DVec2::new(200.0 + x, y)
+            } else {
+                let (x, y) = right(joint.mirrored());
+                DVec2::new(200.0 - x, y)
+            }
+        })
+    }
+
+    fn all(joints: [DVec2; Joint::COUNT]) -> JointPositions {
+        joints.map(Some)
+    }
+
+    fn farthest(a: &JointPositions, b: &JointPositions) -> f64 {
+        a.iter()
+            .zip(b)
+            .map(|(a, b)| match (a, b) {
+                (Some(a), Some(b)) => a.distance(*b),
+                (None, None) => 0.0,
+                _ => f64::INFINITY,
+            })
+            .fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_view_that_stands_like_the_reference_stays() {
+        let shifted = standing().map(|p| p * 1.1 + DVec2::new(30.0, -12.0));
+        let aligned = align(&all(shifted), &standing());
+        assert!(farthest(&aligned, &all(shifted)) < 1e-9);
+    }
+
+    #[test]
+    fn a_bent_arm_takes_the_direction_of_the_reference_and_keeps_its_length() {
+        let mut bent = standing();
+        let shoulder = bent[Joint::LeftShoulder as usize];
+        bent[Joint::LeftElbow as usize] = shoulder + DVec2::new(20.0, 90.0);
+        bent[Joint::LeftWrist as usize] = shoulder + DVec2::new(-15.0, 160.0);
+        let aligned = align(&all(bent), &standing());
+        for (parent, child) in [
+            (Joint::LeftShoulder, Joint::LeftElbow),
+            (Joint::LeftElbow, Joint::LeftWrist),
+        ] {
+            let bone =
+                |joints: &[DVec2; Joint::COUNT]| joints[child as usize] - joints[parent as usize];
+            let moved = aligned[child as usize].unwrap() - aligned[parent as usize].unwrap();
+            assert!((moved.length() - bone(&bent).length()).abs() < 1e-9);
+            assert!(moved.perp_dot(bone(&standing())).abs() < 1e-6);
+            assert!(moved.dot(bone(&standing())) > 0.0);
+        }
+        let still = aligned[Joint::RightWrist as usize].unwrap();
+        assert!(still.distance(bent[Joint::RightWrist as usize]) < 1e-9);
+    }
+
+    #[test]
+    fn a_leaning_trunk_turns_about_the_mid_chest() {
+        let chest = DVec2::new(200.0, 175.0);
+        let lean = DVec2::from_angle(0.2);
+        let leaning = standing().map(|p| chest + lean.rotate(p - chest));
+        let aligned = align(&all(leaning), &standing());
+        assert!(farthest(&aligned, &all(standing())) < 1e-9);
+    }
+
+    #[test]
+    fn chains_end_at_missing_joints() {
+        let mut detected = all(standing());
+        for joint in [Joint::LeftElbow, Joint::RightAnkle, Joint::Neck] {
+            detected[joint as usize] = None;
+        }
+        let aligned = align(&detected, &standing());
+        for missing in [
+            Joint::LeftElbow,
+            Joint::LeftWrist,
+            Joint::RightAnkle,
+            Joint::RightBigToe,
+            Joint::RightHeel,
+            Joint::Neck,
+        ] {
+            assert_eq!(aligned[missing as usize], None, "{missing:?}");
+        }
+        // the neck is made up from the shoulders
+        assert!(aligned[Joint::RightWrist as usize].is_some());
+        assert!(aligned[Joint::Nose as usize].is_some());
+        let nothing = align(&[None; Joint::COUNT], &standing());
+        assert_eq!(nothing, [None; Joint::COUNT]);
+    }
+
+    #[test]
+    fn foreshortened_bones_keep_their_direction() {
+        let mut profile = standing();
+        for joint in [Joint::LeftShoulder, Joint::RightShoulder] {
+            profile[joint as usize] = profile[Joint::Neck as usize] + DVec2::new(1.0, -2.0);
+        }
+        let aligned = align(&all(standing()), &profile);
+        for joint in [Joint::LeftShoulder, Joint::RightShoulder] {
+            let shoulder = aligned[joint as usize].unwrap();
+            assert!(shoulder.distance(standing()[joint as usize]) < 1e-9);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn targets_stay_finite_and_move_with_the_photo(
+            noise in prop::collection::vec(-300.0..300.0f64, 2 * Joint::COUNT),
+            missing in prop::collection::vec(any::<bool>(), Joint::COUNT),
+            shift in prop::array::uniform2(-99.0..99.0f64),
+        ) {
+            let shift = DVec2::from_array(shift);
+            let detected: JointPositions = std::array::from_fn(|i| {
+                (!missing[i]).then(|| standing()[i] + DVec2::new(noise[2 * i], noise[2 * i + 1]))
+            });
+            let aligned = align(&detected, &standing());
+            let shifted = align(&detected.map(|p| p.map(|p| p + shift)), &standing());
+            prop_assert!(farthest(&aligned.map(|p| p.map(|p| p + shift)), &shifted) < 1e-6);
+            for (target, detected) in aligned.iter().zip(&detected) {
+                prop_assert!(target.is_none() || detected.is_some());
+                prop_assert!(target.is_none_or(|p| p.is_finite()));
+            }
+        }
+    }
+}

@@ -1,0 +1,449 @@
+//! Deformation of a silhouette: its joints go to targets, everything around them follows as rigidly as possible.
+//!
+//! The contour is simplified and meshed, but what is carried along and filled at the end is the full contour: a
+//! silhouette whose joints stay comes back unchanged, to a small fraction of a pixel. Of several separate
+//! parts only the largest is kept, with its holes.
+
+use glam::DVec2;
+use pirouette_geom::arap::{ArapError, ArapOptions, ArapSolver, Deformation};
+use pirouette_geom::contour::{Contour, trace_borders, trace_outline, widen_border};
+use pirouette_geom::coverage::fill_edges;
+use pirouette_geom::planar_mesh::{
+    PlanarMesh, TriangulateError, TriangulateOptions, simplify_apart, triangulate,
+};
+use pirouette_geom::{Grid, Mask};
+
+use super::JointPositions;
+use crate::skeleton::{Bone, Joint};
+
+/// Handles along each bone: both joints and what lies between them, evenly
+///
+/// Zwettler et al. 2021 put 5 interim points on each limb; 2 or 9 deform alike.
+const HANDLES_PER_BONE: usize = 7;
+
+/// Handles keep this distance from the contour, in px
+///
+/// On the contour itself, a handle a pixel off the true joint would dent the outline.
+const HANDLE_CLEARANCE_PX: f64 = 1.5;
+
+/// Share of the forearm by which handles go on into the hand
+///
+/// The middle of the palm; without, hands swing behind the forearm, farther and the fingers of a bent hand are outside.
+const HAND_SHARE: f64 = 0.35;
+
+/// A line of handles from joint to joint
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct HandleBone {
+    /// Where it starts
+    pub from: Joint,
+    /// Where it ends
+    pub to: Joint,
+    /// The bone that must be visible for it to count, where only visible ones do
+    pub seen_as: Bone,
+}
+
+/// All lines of handles
+pub const HANDLE_BONES: [HandleBone; 16] = {
+    const fn line(from: Joint, to: Joint, seen_as: Bone) -> HandleBone {
+        HandleBone { from, to, seen_as }
+    }
+    use Joint::*;
+    [
+        line(Neck, MidHip, Bone::LowerSpine),
+        line(Neck, RightShoulder, Bone::RightClavicle),
+        line(Neck, LeftShoulder, Bone::LeftClavicle),
+        line(MidHip, RightHip, Bone::Root),
+        line(MidHip, LeftHip, Bone::Root),
+        line(Neck, Nose, Bone::Head),
+        line(RightShoulder, RightElbow, Bone::RightUpperArm),
+        line(RightElbow, RightWrist, Bone::RightForearm),
+        line(LeftShoulder, LeftElbow, Bone::LeftUpperArm),
+        line(LeftElbow, LeftWrist, Bone::LeftForearm),
+        line(RightHip, RightKnee, Bone::RightThigh),
+        line(RightKnee, RightAnkle, Bone::RightShin),
+        line(LeftHip, LeftKnee, Bone::LeftThigh),
+        line(LeftKnee, LeftAnkle, Bone::LeftShin),
+        line(RightAnkle, RightBigToe, Bone::RightFoot),
+        line(LeftAnkle, LeftBigToe, Bone::LeftFoot),
+    ]
+};
+
+/// Where the contour of a silhouette comes from
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ContourSource {
+    /// The half level of the soft silhouette: between the pixels, without bias
+    #[default]
+    Outline,
+    /// The border pixels of the mask, as published, moved out by half a pixel to where their squares end
+    BorderPixels,
+}
+
+/// How finely a silhouette is meshed and deformed
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DeformOptions {
+    /// Which contour is meshed
+    pub contour: ContourSource,
+    /// Tolerance of the contour's simplification before meshing, in px
+    ///
+    /// Smaller takes more triangles; the filled outline is the full contour in any case.
+    pub tolerance_px: f64,
+    /// Triangles of at most about this area, in square px
+    pub max_triangle_area: f64,
+    /// Rounds and tolerance of the deformation
+    pub arap: ArapOptions,
+}
+
+impl Default for DeformOptions {
+    /// As published: tolerance 1; 30 rounds
+    fn default() -> Self {
+        Self {
+            contour: ContourSource::Outline,
+            tolerance_px: 1.0,
+            max_triangle_area: 250.0,
+            arap: ArapOptions::default(),
+        }
+    }
+}
+
+/// Why a silhouette cannot be deformed
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum DeformError {
+    /// Nothing of the silhouette is inside
+    #[error("the silhouette is empty")]
+    Empty,
+    /// The contour could not be meshed
+    #[error("the contour of the silhouette cannot be meshed")]
+    Mesh(#[source] TriangulateError),
+    /// The mesh could not be prepared
+    #[error("the mesh of the silhouette cannot be deformed")]
+    Arap(#[source] ArapError),
+}
+
+/// Handles of a silhouette: where they are and where they should go, in px
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Handles {
+    /// In the silhouette
+    pub sources: Vec<DVec2>,
+    /// One per source
+    pub targets: Vec<DVec2>,
+}
+
+/// Spreads handles along all bones whose joints are known before and after
+///
+/// `used` tells which bones count.
+pub fn handles(
+    from: &JointPositions,
+    to: &JointPositions,
+    used: impl Fn(HandleBone) -> bool,
+) -> Handles {
+    let mut handles = Handles::default();
+    for bone in HANDLE_BONES.into_iter().filter(|&bone| used(bone)) {
+        let ends = |joints: &JointPositions| {
+            let (a, b) = (joints[bone.from as usize]?, joints[bone.to as usize]?);
+            (a.is_finite() && b.is_finite()).then_some((a, b))
+        };
+        let (Some((source_a, source_b)), Some((target_a, target_b))) = (ends(from), ends(to))
+        else {
+            continue;
+        };
+        let steps = HANDLES_PER_BONE - 1;
+        let hand = matches!(bone.to, Joint::LeftWrist | Joint::RightWrist);
+        let beyond = if hand {
+            (HAND_SHARE * steps as f64) as usize
+        } else {
+            0
+        };
+        for i in 0..=steps + beyond {
+            let t = i as f64 / steps as f64;
+            handles.sources.push(source_a.lerp(source_b, t));
+            handles.targets.push(target_a.lerp(target_b, t));
+        }
+    }
+    handles
+}
+
+/// Traces the contour of the largest part of a silhouette, and those of its holes
+///
+/// # Source
+/// Border following: Suzuki & Abe 1985, for [`ContourSource::BorderPixels`].
+pub fn trace_silhouette(mask: &Mask, soft: &Grid<f32>, source: ContourSource) -> Vec<Contour> {
+    match source {
+        ContourSource::Outline => largest_with_holes(trace_outline(soft, 0.5)),
+        ContourSource::BorderPixels => {
+            let borders = trace_borders(mask);
+            let largest = borders
+                .iter()
+                .enumerate()
+                .filter(|(_, border)| !border.contour.hole)
+                .max_by(|(_, a), (_, b)| {
+                    let area = |c: &Contour| c.signed_area();
+                    area(&a.contour).total_cmp(&area(&b.contour))
+                })
+                .map(|(i, _)| i);
+            borders
+                .iter()
+                .enumerate()
+                .filter(|(i, border)| {
+                    Some(*i) == largest || (border.contour.hole && border.parent == largest)
+                })
+                .map(|(_, border)| widen_border(&border.contour))
+                .collect()
+        }
+    }
+}
+
+/// The outer loop of the largest area and the holes directly in it
+fn largest_with_holes(mut loops: Vec<Contour>) -> Vec<Contour> {
+    loops.sort_by(|a, b| b.signed_area().total_cmp(&a.signed_area()));
+    let (outer, holes): (Vec<Contour>, Vec<Contour>) = loops.into_iter().partition(|c| !c.hole);
+    let mut outer = outer.into_iter();
+    let Some(largest) = outer.next() else {
+        return Vec::new();
+    };
+    let contains =
+        |loop_: &Contour, other: &Contour| other.points.first().is_some_and(|&p| loop_.contains(p));
+    // parts that lie in holes of the largest have holes of their own
+    let islands: Vec<Contour> = outer.filter(|part| contains(&largest, part)).collect();
+    let mut kept: Vec<Contour> = holes
+        .into_iter()
+        .filter(|hole| contains(&largest, hole))
+        .filter(|hole| !islands.iter().any(|island| contains(island, hole)))
+        .collect();
+    kept.insert(0, largest);
+    kept
+}
+
+/// A silhouette prepared for deformation by a fixed set of handles
+#[derive(Debug)]
+pub struct DeformableSilhouette {
+    mesh: PlanarMesh,
+    solver: ArapSolver,
+    /// For each given handle its place among the constrained vertices; `None` for those outside the silhouette
+    places: Vec<Option<u32>>,
+    constrained: Vec<u32>,
+    sources: Vec<DVec2>,
+    contours: Vec<AttachedContour>,
+    arap: ArapOptions,
+}
+
+/// A full contour, carried by the mesh
+#[derive(Debug)]
+struct AttachedContour {
+    hole: bool,
+    points: Vec<Attachment>,
+}
+
+/// How a contour point hangs on the mesh
+#[derive(Debug, Clone, Copy)]
+enum Attachment {
+    /// On the segment between two vertices: share of the way, and offset across in px
+    Segment {
+        from: u32,
+        to: u32,
+        along: f64,
+        across: f64,
+    },
+    /// On one vertex, at this offset in the rest mesh
+    Vertex { vertex: u32, offset: DVec2 },
+}
+
+/// A deformed silhouette
+#[derive(Debug, Clone)]
+pub struct DeformedSilhouette {
+    /// The full contours, in px; loops may overlap themselves where limbs cross
+    pub contours: Vec<Contour>,
+    /// What the deformation of the mesh came to
+    pub deformation: Deformation,
+}
+
+impl DeformableSilhouette {
+    /// Meshes the contours of a silhouette with the handles inside and prepares the deformation
+    ///
+    /// Handles outside, on the contour, or within 1.5 px of it do not count. Handles that (nearly) coincide share a
+    /// vertex, which moves by the mean of what they ask for.
+    ///
+    /// # Errors
+    /// When the contours enclose nothing.
+    pub fn new(
+        contours: &[Contour],
+        sources: &[DVec2],
+        options: &DeformOptions,
+    ) -> Result<Self, DeformError> {
+        if contours.is_empty() {
+            return Err(DeformError::Empty);
+        }
+        let meshing = TriangulateOptions {
+            max_area: Some(options.max_triangle_area),
+            clearance: HANDLE_CLEARANCE_PX,
+        };
+        let longest_px = meshing.spacing_px().unwrap_or(f64::INFINITY);
+        let stays = simplify_apart(contours, options.tolerance_px, longest_px);
+        let simplified: Vec<Contour> = contours
+            .iter()
+            .zip(&stays)
+            .map(|(contour, stays)| Contour {
+                points: stays.iter().map(|&i| contour.points[i]).collect(),
+                hole: contour.hole,
+            })
+            .collect();
+        let made = triangulate(&simplified, sources, &meshing).map_err(DeformError::Mesh)?;
+
+        let mut constrained: Vec<u32> = made.interior_vertices.iter().flatten().copied().collect();
+        constrained.sort_unstable();
+        constrained.dedup();
+        let places = made
+            .interior_vertices
+            .iter()
+            .map(|v| Some(constrained.binary_search(&(*v)?).ok()? as u32))
+            .collect();
+        let solver = ArapSolver::new(&made.mesh, &constrained).map_err(DeformError::Arap)?;
+        let attached = contours
+            .iter()
+            .zip(&stays)
+            .zip(&made.contour_vertices)
+            .map(|((contour, stays), vertices)| attach(contour, stays, vertices, &made.mesh))
+            .collect();
+        Ok(Self {
+            mesh: made.mesh,
+            solver,
+            places,
+            constrained,
+            sources: sources.to_vec(),
+            contours: attached,
+            arap: options.arap,
+        })
+    }
+
+    /// The rest mesh
+    pub fn mesh(&self) -> &PlanarMesh {
+        &self.mesh
+    }
+
+    /// Number of handles inside the silhouette
+    pub fn handle_count(&self) -> usize {
+        self.places.iter().flatten().count()
+    }
+
+    /// Moves the handles to `targets`, one per given source in px; without handles inside, nothing moves
+    ///
+    /// # Panics
+    /// When there is not one target per source.
+    pub fn deform(&self, targets: &[DVec2]) -> DeformedSilhouette {
+        assert_eq!(targets.len(), self.sources.len(), "one target per source");
+        let mut shifts = vec![(DVec2::ZERO, 0.0); self.constrained.len()];
+        for ((place, source), target) in self.places.iter().zip(&self.sources).zip(targets) {
+            if let Some(place) = place {
+                let (sum, count) = &mut shifts[*place as usize];
+                *sum += *target - *source;
+                *count += 1.0;
+            }
+        }
+        let targets: Vec<DVec2> = self
+            .constrained
+            .iter()
+            .zip(shifts)
+            .map(|(&v, (sum, count))| self.mesh.positions[v as usize] + sum / f64::max(count, 1.0))
+            .collect();
+        let deformation = self.solver.deform(&targets, &self.arap);
+        let contours = self
+            .contours
+            .iter()
+            .map(|contour| Contour {
+                points: contour
+                    .points
+                    .iter()
+                    .map(|point| point.carried(&deformation))
+                    .collect(),
+                hole: contour.hole,
+            })
+            .collect();
+        DeformedSilhouette {
+            contours,
+            deformation,
+        }
+    }
+}
+
+impl Attachment {
+    fn carried(&self, deformation: &Deformation) -> DVec2 {
+        let at = |v: u32| deformation.positions[v as usize];
+        match *self {
+            Attachment::Segment {
+                from,
+                to,
+                along,
+                across,
+            } => {
+                let (a, b) = (at(from), at(to));
+                let normal = (b - a).perp().try_normalize().unwrap_or(DVec2::ZERO);
+                a + along * (b - a) + across * normal
+            }
+            Attachment::Vertex { vertex, offset } => {
+                at(vertex) + deformation.rotations[vertex as usize].rotate(offset)
+            }
+        }
+    }
+}
+
+/// Attaches each point of a contour to the segment of the simplified contour that stands for it
+fn attach(
+    contour: &Contour,
+    stays: &[usize],
+    vertices: &[Option<u32>],
+    mesh: &PlanarMesh,
+) -> AttachedContour {
+    let count = contour.points.len();
+    let mut points = Vec::with_capacity(count);
+    for k in 0..stays.len() {
+        let next = (k + 1) % stays.len();
+        // a contour that is one point long goes around once
+        let steps = match (stays[next] + count - stays[k]) % count {
+            0 => count,
+            steps => steps,
+        };
+        for step in 0..steps {
+            let p = contour.points[(stays[k] + step) % count];
+            points.push(attach_point(p, vertices[k], vertices[next], mesh));
+        }
+    }
+    AttachedContour {
+        hole: contour.hole,
+        points,
+    }
+}
+
+fn attach_point(p: DVec2, from: Option<u32>, to: Option<u32>, mesh: &PlanarMesh) -> Attachment {
+    let at = |v: u32| mesh.positions[v as usize];
+    if let (Some(from), Some(to)) = (from, to) {
+        let (a, b) = (at(from), at(to));
+        if let Some(direction) = (b - a).try_normalize() {
+            return Attachment::Segment {
+                from,
+                to,
+                along: (p - a).dot(direction) / a.distance(b),
+                across: direction.perp_dot(p - a),
+            };
+        }
+    }
+    // on bridges, which have no triangles: the nearest vertex stands in
+    let nearest = (0..mesh.positions.len() as u32).min_by(|&a, &b| {
+        let distance = |v: u32| at(v).distance_squared(p);
+        distance(a).total_cmp(&distance(b))
+    });
+    let vertex = nearest.unwrap_or(0);
+    Attachment::Vertex {
+        vertex,
+        offset: p - at(vertex),
+    }
+}
+
+/// Fills contours: the coverage of each pixel, from 0 to 1
+///
+/// Where loops overlap, as limbs over the trunk, inside stays inside.
+pub fn fill_contours(width: usize, height: usize, contours: &[Contour]) -> Grid<f32> {
+    let edges: Vec<[DVec2; 2]> = contours.iter().flat_map(Contour::edges).collect();
+    fill_edges(width, height, &edges)
+}
+
+#[cfg(test)]
+pub(in crate::normalize) mod tests;
