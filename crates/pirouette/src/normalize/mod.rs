@@ -1,4 +1,332 @@
 //! Stage 2: from silhouettes to pose-normalized silhouettes.
+//!
+//! Each silhouette is deformed from the pose in its photo to the reference pose: [`align`] says where the joints
+//! should go, [`deform`] takes the silhouette along, [`register`] moves the result rigidly onto the reference
+//! silhouette and [`refine`] bends arms and legs onto it, after which the silhouette is deformed once
+//! more with the corrected joints as targets.
+//!
+//! The result has the size of the photo and lies in the frame of the reference view: as the camera would see the
+//! person standing in the reference pose on the turning axis, turned like the view.
+//!
+//! A silhouette knows nothing of depth: an arm before the trunk moves with the trunk's surface around it, and what
+//! it hid stays hidden.
 
+pub mod align;
+pub mod deform;
 pub mod refine;
 pub mod register;
+
+use glam::DVec2;
+use pirouette_geom::chain::RigidMotion;
+use pirouette_geom::contour::Contour;
+use pirouette_geom::{Grid, Mask};
+
+use crate::avatar::Avatar;
+use crate::avatar::render::{silhouette, visible_bones};
+use crate::camera::Camera;
+use crate::pose::{Pose, pose_bones};
+use crate::skeleton::{Bone, Joint, Keypoints};
+use crate::units::TurnAngle;
+
+pub use align::{SkeletonJoints, shared_skeleton_joints};
+pub use deform::{ContourSource, DeformError, DeformOptions};
+pub use refine::{JointPositions, LimbRefinement, RefineOptions};
+pub use register::{RegisterOptions, Registration};
+
+use deform::{DeformableSilhouette, Handles, fill_contours, handles, trace_silhouette};
+use register::ReferenceContourMap;
+
+/// Distance of the contour points that registration and refinement compare, in px
+///
+/// Every point of a traced contour would say the same twice.
+const CONTOUR_SPACING_PX: f64 = 2.0;
+
+/// Where targets come from
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum NormalizeMethod {
+    /// One skeleton for all views: from its pose in the photo to the reference pose; hidden bones count, too
+    #[default]
+    SharedSkeleton,
+    /// Each view on its own, as published: directions of the avatar's bones, own lengths, visible bones only
+    ThreeStep,
+}
+
+/// What is normalized
+#[derive(Debug, Clone, Copy)]
+pub struct NormalizeView<'a> {
+    /// Silhouette in the photo
+    pub mask: &'a Mask,
+    /// The same with soft borders, 0 to 1; the half level is its outline
+    pub soft: &'a Grid<f32>,
+    /// Joints as detected, in px of the photo
+    pub keypoints: &'a Keypoints,
+    /// The shared skeleton in this view; needed by [`NormalizeMethod::SharedSkeleton`] only
+    pub skeleton: Option<&'a SkeletonJoints>,
+    /// The avatar in the reference pose, turned like this view
+    pub reference: &'a ReferenceView,
+}
+
+/// The avatar in the reference pose as the camera sees it at one turn angle
+#[derive(Debug, Clone)]
+pub struct ReferenceView {
+    /// Covered area of each pixel, 0 to 1; size of the photo
+    pub coverage: Grid<f32>,
+    /// Joints, in px
+    pub joints: [DVec2; Joint::COUNT],
+    /// Whether enough of each bone's surface is seen
+    pub visible: [bool; Bone::COUNT],
+}
+
+impl ReferenceView {
+    /// Renders the avatar on the turning axis
+    pub fn render(avatar: &Avatar, turn: TurnAngle, camera: &Camera) -> Self {
+        let posed = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
+        let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+        Self {
+            coverage: silhouette(&positions, &avatar.mesh.triangles, camera),
+            joints: shared_skeleton_joints(avatar, &Pose::default(), turn, camera).reference,
+            visible: visible_bones(avatar, &posed, camera),
+        }
+    }
+}
+
+/// Which steps to take, and how
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NormalizeOptions {
+    /// Where targets come from
+    pub method: NormalizeMethod,
+    /// Meshing and deformation
+    pub deform: DeformOptions,
+    /// Whether and how to move the deformed silhouette onto the reference silhouette
+    pub register: Option<RegisterOptions>,
+    /// Whether and how to bend arms and legs onto the reference silhouette
+    pub refine: Option<RefineOptions>,
+}
+
+impl NormalizeOptions {
+    /// The shared skeleton, without registration and refinement: both pull silhouettes toward the avatar's shape
+    /// and gain nothing once the targets agree in 3D
+    pub fn shared_skeleton() -> Self {
+        Self {
+            method: NormalizeMethod::SharedSkeleton,
+            deform: DeformOptions::default(),
+            register: None,
+            refine: None,
+        }
+    }
+
+    /// The published method, all three steps
+    pub fn three_step() -> Self {
+        Self {
+            method: NormalizeMethod::ThreeStep,
+            deform: DeformOptions::default(),
+            register: Some(RegisterOptions::default()),
+            refine: Some(RefineOptions::default()),
+        }
+    }
+}
+
+/// Why a view cannot be normalized
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum NormalizeError {
+    /// A raster has another size than the mask
+    #[error(
+        "the {raster} has {width}x{height} px, the mask {mask_width}x{mask_height} px; they must agree"
+    )]
+    SizeMismatch {
+        /// Which raster
+        raster: &'static str,
+        /// Its columns
+        width: usize,
+        /// Its rows
+        height: usize,
+        /// Columns of the mask
+        mask_width: usize,
+        /// Rows of the mask
+        mask_height: usize,
+    },
+    /// The shared skeleton is wanted, but the view has none
+    #[error("the view has no pose of the shared skeleton; the three-step method works without")]
+    NoSkeleton,
+    /// The silhouette cannot be deformed
+    #[error(transparent)]
+    Deform(#[from] DeformError),
+}
+
+/// Something that could be done only in part
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum NormalizeWarning {
+    /// No known joint lies inside the silhouette, so it keeps the pose of the photo
+    #[error("no joint lies inside the silhouette: it keeps its pose")]
+    NoHandles,
+    /// Most of the skeleton lies outside the silhouette
+    #[error("only {inside} of {all} handles lie inside the silhouette")]
+    FewHandles {
+        /// Handles inside
+        inside: usize,
+        /// All handles
+        all: usize,
+    },
+}
+
+/// Joints through the steps, in px; `None` where unknown
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NormalizedJoints {
+    /// In the photo, as detected
+    pub detected: JointPositions,
+    /// Targets of the first deformation
+    pub aligned: JointPositions,
+    /// After registration
+    pub registered: JointPositions,
+    /// After refinement
+    pub refined: JointPositions,
+}
+
+/// A pose-normalized silhouette
+#[derive(Debug, Clone)]
+pub struct NormalizedView {
+    /// Size of the photo, frame of the reference view
+    pub mask: Mask,
+    /// The same as covered area of each pixel, 0 to 1
+    pub soft: Grid<f32>,
+    /// Joints through the steps; steps not taken repeat the one before
+    pub joints: NormalizedJoints,
+    /// What registration found, if it ran
+    pub registration: Option<Registration>,
+    /// What refinement found for each limb that it could search
+    pub limbs: Vec<LimbRefinement>,
+    /// Intersection over union with the reference silhouette
+    pub reference_iou: f64,
+    /// What could be done only in part
+    pub warnings: Vec<NormalizeWarning>,
+}
+
+/// Deforms one silhouette to the reference pose
+///
+/// # Errors
+/// When the silhouette is empty, sizes disagree, or the shared skeleton is wanted but missing.
+///
+/// # Source
+/// Zwettler et al. 2021: alignment (eq. 1), registration (eq. 2 to 4), refinement (eq. 5 to 7). The shared skeleton
+/// is ours.
+pub fn normalize(
+    view: &NormalizeView<'_>,
+    options: &NormalizeOptions,
+) -> Result<NormalizedView, NormalizeError> {
+    let (width, height) = (view.mask.width(), view.mask.height());
+    check_size("soft silhouette", view.soft, view.mask)?;
+    check_size("reference view", &view.reference.coverage, view.mask)?;
+
+    let detected = align::detected_joints(view.keypoints);
+    let (sources, aligned) = match options.method {
+        NormalizeMethod::SharedSkeleton => {
+            let skeleton = view.skeleton.ok_or(NormalizeError::NoSkeleton)?;
+            (known(&skeleton.photo), known(&skeleton.reference))
+        }
+        NormalizeMethod::ThreeStep => (detected, align::align(&detected, &view.reference.joints)),
+    };
+    let spread = |targets: &JointPositions| -> Handles {
+        handles(&sources, targets, |bone| match options.method {
+            NormalizeMethod::SharedSkeleton => true,
+            NormalizeMethod::ThreeStep => view.reference.visible[bone.seen_as as usize],
+        })
+    };
+    let first = spread(&aligned);
+    let contours = trace_silhouette(view.mask, view.soft, options.deform.contour);
+    let silhouette = DeformableSilhouette::new(&contours, &first.sources, &options.deform)?;
+    let mut contours = silhouette.deform(&first.targets).contours;
+
+    let reference_map = (options.register.is_some() || options.refine.is_some())
+        .then(|| ReferenceContourMap::from_coverage(&view.reference.coverage));
+    let mut registration = None;
+    let mut registered = aligned;
+    let mut motion = RigidMotion::IDENTITY;
+    if let (Some(map), Some(options)) = (&reference_map, &options.register) {
+        let found = register::register(&contour_points(&contours), map, options);
+        motion = found.motion();
+        registered = aligned.map(|joint| joint.map(|p| motion.apply(p)));
+        move_contours(&mut contours, &motion);
+        registration = Some(found);
+    }
+    let mut limbs = Vec::new();
+    let mut refined = registered;
+    if let (Some(map), Some(options)) = (&reference_map, &options.refine) {
+        let found = refine::refine(&contour_points(&contours), &registered, map, options);
+        refined = found.joints;
+        limbs = found.limbs;
+        // Deformed before the rigid motion, so that parts without handles take part in it.
+        let back = motion.inverse();
+        let targets: Vec<DVec2> = spread(&refined)
+            .targets
+            .iter()
+            .map(|&p| back.apply(p))
+            .collect();
+        contours = silhouette.deform(&targets).contours;
+        move_contours(&mut contours, &motion);
+    }
+
+    let soft = fill_contours(width, height, &contours);
+    let mask = soft.threshold(0.5);
+    Ok(NormalizedView {
+        reference_iou: mask.iou(&view.reference.coverage.threshold(0.5)),
+        mask,
+        soft,
+        joints: NormalizedJoints {
+            detected,
+            aligned,
+            registered,
+            refined,
+        },
+        registration,
+        limbs,
+        warnings: handle_warning(silhouette.handle_count(), first.sources.len())
+            .into_iter()
+            .collect(),
+    })
+}
+
+fn check_size(raster: &'static str, grid: &Grid<f32>, mask: &Mask) -> Result<(), NormalizeError> {
+    if grid.same_size(mask) {
+        return Ok(());
+    }
+    Err(NormalizeError::SizeMismatch {
+        raster,
+        width: grid.width(),
+        height: grid.height(),
+        mask_width: mask.width(),
+        mask_height: mask.height(),
+    })
+}
+
+/// All joints but those that the camera cannot see
+fn known(joints: &[DVec2; Joint::COUNT]) -> JointPositions {
+    joints.map(|p| p.is_finite().then_some(p))
+}
+
+/// Evenly spaced points of all contours
+fn contour_points(contours: &[Contour]) -> Vec<DVec2> {
+    contours
+        .iter()
+        .flat_map(|contour| contour.resample(CONTOUR_SPACING_PX).points)
+        .collect()
+}
+
+fn move_contours(contours: &mut [Contour], motion: &RigidMotion) {
+    for point in contours.iter_mut().flat_map(|c| &mut c.points) {
+        *point = motion.apply(*point);
+    }
+}
+
+/// Silhouettes with fewer than half of the handles inside are hardly the person with these joints
+fn handle_warning(inside: usize, all: usize) -> Option<NormalizeWarning> {
+    if inside == 0 {
+        Some(NormalizeWarning::NoHandles)
+    } else if 2 * inside < all {
+        Some(NormalizeWarning::FewHandles { inside, all })
+    } else {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests;
