@@ -34,7 +34,7 @@ pub use self::proportions::Proportions;
 use self::shape::{Anatomy, GirthScales, LEAN_BMI, build};
 use self::surface::{GridPlanes, extract};
 use self::weights::skin_weight;
-use super::{Avatar, ReferencePose};
+use super::{Avatar, ReferencePose, landmarks};
 use crate::skeleton::Joint;
 
 /// Sex of a mannequin; neutral is halfway between the average woman and the average man
@@ -180,6 +180,12 @@ pub fn mannequin(parameters: &MannequinParameters) -> Result<Avatar, MannequinEr
     };
     let top = avatar.mesh.bounds().map_or(1.0, |(_, hi)| hi.y);
     scale(&mut avatar, checked.stature_mm / top);
+    (avatar.tape_loops, avatar.landmarks) = landmarks::find(
+        &avatar.mesh,
+        &avatar.weights,
+        &avatar.bone_heads,
+        &avatar.keypoints,
+    );
     Ok(avatar)
 }
 

@@ -1,1 +1,0 @@
-//! Tape loops and landmarks found by the geometry of a body.

@@ -1,0 +1,167 @@
+//! Sections of a part of a body as tapes see them: the points on a plane, their hull, the vertices nearby.
+
+use glam::{DVec2, DVec3};
+use pirouette_geom::TriMesh;
+
+/// Edges of a surface or of a part of it, each once
+pub(super) struct Slicer<'a> {
+    positions: &'a [DVec3],
+    edges: Vec<[u32; 2]>,
+}
+
+/// Where a plane cuts an edge
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Crossing {
+    pub(super) edge: [u32; 2],
+    pub(super) point: DVec3,
+}
+
+/// A plane by a point on it and its unit normal
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Plane {
+    pub(super) origin: DVec3,
+    pub(super) normal: DVec3,
+}
+
+impl Plane {
+    pub(super) fn level(y: f64) -> Self {
+        Self {
+            origin: DVec3::Y * y,
+            normal: DVec3::Y,
+        }
+    }
+
+    fn distance(&self, p: DVec3) -> f64 {
+        (p - self.origin).dot(self.normal)
+    }
+
+    /// Coordinates within the plane, counter-clockwise seen from the side that the normal points to
+    fn flatten(&self, p: DVec3) -> DVec2 {
+        let u = self.normal.any_orthonormal_vector();
+        let v = self.normal.cross(u);
+        DVec2::new((p - self.origin).dot(u), (p - self.origin).dot(v))
+    }
+}
+
+impl<'a> Slicer<'a> {
+    pub(super) fn new(mesh: &'a TriMesh) -> Self {
+        let mut edges: Vec<[u32; 2]> = mesh
+            .triangles
+            .iter()
+            .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+            .map(|[a, b]| [a.min(b), a.max(b)])
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        Self {
+            positions: &mesh.positions,
+            edges,
+        }
+    }
+
+    /// The edges between vertices of a part
+    pub(super) fn part(&self, part: &[bool]) -> Self {
+        self.filtered(|[a, b]| part[a as usize] && part[b as usize])
+    }
+
+    /// The edges that reach into a range of heights
+    pub(super) fn between(&self, low: f64, high: f64) -> Self {
+        self.filtered(|edge| {
+            let [p, q] = edge.map(|v| self.positions[v as usize].y);
+            p.min(q) <= high && p.max(q) >= low
+        })
+    }
+
+    fn filtered(&self, keep: impl Fn([u32; 2]) -> bool) -> Self {
+        let edges = self.edges.iter().copied();
+        Self {
+            positions: self.positions,
+            edges: edges.filter(|&edge| keep(edge)).collect(),
+        }
+    }
+
+    /// Where a plane cuts the edges
+    pub(super) fn cut(&self, plane: Plane) -> Vec<Crossing> {
+        let edges = self.edges.iter();
+        edges
+            .filter_map(|&edge| {
+                let [p, q] = edge.map(|v| self.positions[v as usize]);
+                let (dp, dq) = (plane.distance(p), plane.distance(q));
+                // A vertex on the plane counts as above it, so every edge has two sides.
+                ((dp < 0.0) != (dq < 0.0)).then(|| Crossing {
+                    edge,
+                    point: p.lerp(q, dp / (dp - dq)),
+                })
+            })
+            .collect()
+    }
+
+    /// Length of a taut tape around the points on a plane, in mm; 0 without a section
+    pub(super) fn girth(&self, plane: Plane) -> f64 {
+        let crossings = self.cut(plane);
+        let points: Vec<DVec2> = crossings.iter().map(|c| plane.flatten(c.point)).collect();
+        hull_perimeter(points)
+    }
+
+    /// The vertices next to a section, around its center
+    ///
+    /// Each cut edge gives its nearer end; they are ordered by direction, which is the order along the tape for any
+    /// section that its center sees. `None` with fewer than three.
+    pub(super) fn tape(&self, plane: Plane) -> Option<Vec<u32>> {
+        let crossings = self.cut(plane);
+        let count = crossings.len() as f64;
+        let center = crossings.iter().map(|c| c.point).sum::<DVec3>() / count;
+        let middle = plane.flatten(center);
+        let mut around: Vec<(f64, u32)> = crossings
+            .iter()
+            .map(|crossing| {
+                let [a, b] = crossing.edge;
+                let distance = |v: u32| plane.distance(self.positions[v as usize]).abs();
+                let nearer = if distance(a) <= distance(b) { a } else { b };
+                let flat = plane.flatten(self.positions[nearer as usize]) - middle;
+                (flat.y.atan2(flat.x), nearer)
+            })
+            .collect();
+        around.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        around.dedup_by_key(|entry| entry.1);
+        (around.len() >= 3).then(|| around.into_iter().map(|(_, vertex)| vertex).collect())
+    }
+}
+
+/// Perimeter of the convex hull of points; 0 for fewer than two
+pub(super) fn hull_perimeter(mut points: Vec<DVec2>) -> f64 {
+    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    let half = |ordered: &mut dyn Iterator<Item = &DVec2>| -> f64 {
+        let mut chain: Vec<DVec2> = Vec::new();
+        for &p in ordered {
+            while let [.., a, b] = chain[..]
+                && (b - a).perp_dot(p - b) <= 0.0
+            {
+                chain.pop();
+            }
+            chain.push(p);
+        }
+        chain.windows(2).map(|w| w[0].distance(w[1])).sum()
+    };
+    half(&mut points.iter()) + half(&mut points.iter().rev())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_hull_bridges_hollows() {
+        let corners = [
+            (0.0, 0.0),
+            (4.0, 0.0),
+            (4.0, 3.0),
+            (0.0, 3.0),
+            (2.0, 1.0),
+            (2.0, 0.0),
+        ];
+        let points = corners.map(|(x, y)| DVec2::new(x, y)).to_vec();
+        assert!((hull_perimeter(points) - 14.0).abs() < 1e-12);
+        assert!(hull_perimeter(Vec::new()).abs() < 1e-12);
+    }
+}

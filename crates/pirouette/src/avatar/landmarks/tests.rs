@@ -1,0 +1,188 @@
+use std::sync::LazyLock;
+
+use super::*;
+use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
+use crate::avatar::{Avatar, ReferencePose};
+
+static WOMAN: LazyLock<Avatar> = LazyLock::new(|| {
+    let parameters = MannequinParameters {
+        sex: Sex::Female,
+        stature_mm: Some(1630.0),
+        ..MannequinParameters::default()
+    };
+    mannequin(&parameters).expect("valid parameters")
+});
+
+type Found = (Vec<TapeLoop>, Vec<(Landmark, u32)>);
+
+fn find_on(avatar: &Avatar) -> Found {
+    find(
+        &avatar.mesh,
+        &avatar.weights,
+        &avatar.bone_heads,
+        &avatar.keypoints,
+    )
+}
+
+fn loop_of(found: &Found, girth: Girth) -> &TapeLoop {
+    let tape = found.0.iter().find(|t| t.girth == girth);
+    tape.unwrap_or_else(|| panic!("a loop for {girth:?}"))
+}
+
+fn center(avatar: &Avatar, tape: &TapeLoop) -> DVec3 {
+    let points = tape
+        .vertices
+        .iter()
+        .map(|&v| avatar.mesh.positions[v as usize]);
+    points.sum::<DVec3>() / tape.vertices.len() as f64
+}
+
+fn landmark(avatar: &Avatar, found: &Found, landmark: Landmark) -> DVec3 {
+    let entry = found.1.iter().find(|(l, _)| *l == landmark);
+    let (_, vertex) = entry.unwrap_or_else(|| panic!("a vertex for {landmark:?}"));
+    avatar.mesh.positions[*vertex as usize]
+}
+
+#[test]
+fn level_tapes_lie_where_surveys_find_them() {
+    let found = find_on(&WOMAN);
+    let share = |girth| center(&WOMAN, loop_of(&found, girth)).y / 1630.0;
+    // means of women in the ANSUR II survey, and the spread of persons around them
+    for (girth, mean, spread) in [
+        (Girth::Bust, 0.719, 0.014),
+        (Girth::Waist, 0.61, 0.012),
+        (Girth::Hip, 0.512, 0.010),
+        (Girth::LeftThigh, 0.446, 0.012),
+        (Girth::LeftKnee, 0.276, 0.012),
+        (Girth::RightCalf, 0.21, 0.015),
+        (Girth::RightAnkle, 0.07, 0.02),
+        (Girth::Neck, 0.86, 0.015),
+    ] {
+        let found = share(girth);
+        assert!((found - mean).abs() < spread, "{girth:?} at {found:.4}");
+    }
+}
+
+#[test]
+fn arm_tapes_lie_square_to_the_bones() {
+    let found = find_on(&WOMAN);
+    let head = |bone: Bone| WOMAN.bone_heads[bone as usize];
+    for (girth, from, to, share) in [
+        (
+            Girth::LeftUpperArm,
+            Bone::LeftUpperArm,
+            Bone::LeftForearm,
+            UPPER_ARM_SHARE,
+        ),
+        (Girth::RightWrist, Bone::RightForearm, Bone::RightHand, 1.0),
+    ] {
+        let tape = loop_of(&found, girth);
+        let axis = head(to) - head(from);
+        for &v in &tape.vertices {
+            let p = WOMAN.mesh.positions[v as usize] - head(from);
+            let along = p.dot(axis) / axis.length_squared();
+            assert!((along - share).abs() < 0.06, "{girth:?} {along}");
+        }
+    }
+}
+
+#[test]
+fn loops_run_around_once_without_arms() {
+    let found = find_on(&WOMAN);
+    assert_eq!(found.0.len(), 16);
+    for tape in &found.0 {
+        let middle = center(&WOMAN, tape);
+        let points: Vec<DVec3> = tape
+            .vertices
+            .iter()
+            .map(|&v| WOMAN.mesh.positions[v as usize] - middle)
+            .collect();
+        let spokes = points.iter().zip(points.iter().cycle().skip(1));
+        let area: DVec3 = spokes.clone().map(|(&a, &b)| a.cross(b)).sum();
+        let normal = area / area.length();
+        let swept: f64 = spokes
+            .map(|(&a, &b)| {
+                let (a, b) = (a - normal * a.dot(normal), b - normal * b.dot(normal));
+                normal.dot(a.cross(b)).atan2(a.dot(b))
+            })
+            .sum();
+        let turns = swept / std::f64::consts::TAU;
+        assert!((turns - 1.0).abs() < 1e-6, "{:?} {turns}", tape.girth);
+        let reach = points.iter().map(|p| p.length()).fold(0.0, f64::max);
+        assert!(reach < 260.0, "{:?} reaches {reach:.0} mm", tape.girth);
+    }
+}
+
+#[test]
+fn landmarks_lie_on_their_sides() {
+    let found = find_on(&WOMAN);
+    let at = |name| landmark(&WOMAN, &found, name);
+    assert_eq!(found.1.len(), 12);
+    assert!((at(Landmark::Crown).y - 1630.0).abs() < 1e-6);
+    assert!(at(Landmark::Nape).z < 0.0 && at(Landmark::Nape).x.abs() < 15.0);
+    assert!((at(Landmark::Nape).y / 1630.0 - 0.857).abs() < 0.012);
+    assert!(at(Landmark::Seat).z < at(Landmark::WaistBack).z);
+    assert!(at(Landmark::WaistFront).z > 0.0 && at(Landmark::WaistBack).z < 0.0);
+    assert!((at(Landmark::Crotch).y / 1630.0 - 0.48).abs() < 0.015);
+    assert!((at(Landmark::LeftAcromion).y / 1630.0 - 0.82).abs() < 0.015);
+    for (left, right) in [
+        (Landmark::LeftBustPoint, Landmark::RightBustPoint),
+        (Landmark::LeftAcromion, Landmark::RightAcromion),
+        (Landmark::LeftWrist, Landmark::RightWrist),
+    ] {
+        let (left, right) = (at(left), at(right));
+        assert!(left.x > 40.0 && right.x < -40.0);
+        let mirrored = DVec3::new(-right.x, right.y, right.z);
+        assert!(left.distance(mirrored) < 8.0, "{left} {right}");
+    }
+}
+
+#[test]
+fn a_larger_copy_has_the_same_loops() {
+    let larger = WOMAN.clone().scaled_to(2000.0);
+    let (found, expected) = (find_on(&larger), find_on(&WOMAN));
+    for tape in &found.0 {
+        let same = loop_of(&expected, tape.girth);
+        let (y, expected_y) = (center(&larger, tape).y, center(&WOMAN, same).y);
+        assert!(
+            (y / 2000.0 - expected_y / 1630.0).abs() < 0.002,
+            "{:?}",
+            tape.girth
+        );
+    }
+}
+
+#[test]
+fn level_arms_do_not_reach_the_bust() {
+    let parameters = MannequinParameters {
+        sex: Sex::Male,
+        pose: ReferencePose::T,
+        ..MannequinParameters::default()
+    };
+    let man = mannequin(&parameters).unwrap();
+    let found = find_on(&man);
+    let bust = loop_of(&found, Girth::Bust);
+    let widest = bust
+        .vertices
+        .iter()
+        .map(|&v| man.mesh.positions[v as usize].x.abs());
+    assert!(widest.fold(0.0, f64::max) < 240.0);
+}
+
+#[test]
+fn what_is_not_there_gives_no_loop() {
+    let heads = &WOMAN.bone_heads;
+    let keypoints = &WOMAN.keypoints;
+    let (loops, landmarks) = find(&TriMesh::default(), &[], heads, keypoints);
+    assert!(loops.is_empty() && landmarks.is_empty());
+    let lost = [DVec3::NAN; Bone::COUNT];
+    let (loops, _) = find(&WOMAN.mesh, &WOMAN.weights, &lost, keypoints);
+    assert!(loops.iter().all(|t| t.vertices.len() >= 3));
+    let flat = TriMesh {
+        positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
+        triangles: vec![[0, 1, 2]],
+    };
+    let weights = [SkinWeight::rigid(Bone::Root); 3];
+    let (loops, _) = find(&flat, &weights, heads, keypoints);
+    assert!(loops.is_empty());
+}
