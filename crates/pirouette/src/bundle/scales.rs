@@ -143,7 +143,7 @@ pub(super) struct Frame {
     sole: (DVec3, SkinWeight),
 }
 
-/// The figure's frame with some scales applied, on the floor, the axis through the middle of the ankles
+/// The figure's frame with some scales applied, on the floor, the axis where the avatar has it
 #[derive(Debug, Clone)]
 pub(super) struct ScaledFrame {
     pub(super) heads: [DVec3; Bone::COUNT],
@@ -233,11 +233,14 @@ impl<'a> Stretched<'a> {
         keypoints
     }
 
-    /// The point that becomes the origin: on the floor, in the middle between the ankles
+    /// The point that becomes the origin: on the floor, in x between the ankles; in z the axis stays where the
+    /// avatar has it, because the hips do
+    ///
+    /// Seen from the side, an axis a few mm off moves the reference view by pixels, to the right in one profile and
+    /// to the left in the other, and silhouettes normalized to it no longer agree.
     fn floor_origin(&self, floor: f64) -> DVec3 {
         let [left, right] = [Bone::LeftFoot, Bone::RightFoot].map(|b| self.heads[b as usize]);
-        let middle = (left + right) / 2.0;
-        DVec3::new(middle.x, floor, middle.z)
+        DVec3::new((left.x + right.x) / 2.0, floor, 0.0)
     }
 }
 
@@ -257,7 +260,7 @@ pub(super) const MIDDLES: [(Joint, [Joint; 2]); 2] = [
 /// Stretches a figure along its bones
 ///
 /// Joints move, the surface follows by its skinning weights, vertices keep their order, so tape loops and
-/// landmarks hold. The result stands on y = 0 with the turning axis through the middle of the ankles.
+/// landmarks hold. The result stands on y = 0 with the turning axis as far behind the hips as it was.
 pub fn rescale_avatar(avatar: &Avatar, scales: &Scales) -> Avatar {
     let rest = &avatar.bone_heads;
     let matrices = Bone::ALL.map(|bone| Stretch::of(bone, rest).matrix(scales));
