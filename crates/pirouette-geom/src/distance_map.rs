@@ -45,10 +45,26 @@ pub fn distance_to(mask: &Mask) -> Grid<f32> {
 /// assert_eq!(distance.as_slice(), &[1.5, 0.5, -0.5, -1.5]);
 /// ```
 pub fn signed_distance(mask: &Mask) -> Grid<f32> {
-    let mut distance = distance_to(mask);
-    let inside = distance_to(&mask.map(|&v| !v));
-    for (d, &depth) in distance.as_mut_slice().iter_mut().zip(inside.as_slice()) {
-        *d = if *d > 0.0 { *d - 0.5 } else { 0.5 - depth };
+    let rows = column_changes(mask);
+    let mut distance = Grid::filled(mask.width(), mask.height(), f32::INFINITY);
+    let mut envelope = Vec::with_capacity(mask.width());
+    let mut columns = vec![0; mask.width()];
+    let mut depth = vec![0f32; mask.width()];
+    for y in 0..mask.height() {
+        let sides = || mask.row(y).iter().zip(rows.row(y));
+        for (column, (&inside, &change)) in columns.iter_mut().zip(sides()) {
+            *column = if inside { 0 } else { change };
+        }
+        let row = distance.row_mut(y);
+        row_distances(&columns, row, &mut envelope);
+        for (column, (&inside, &change)) in columns.iter_mut().zip(sides()) {
+            *column = if inside { change } else { 0 };
+        }
+        depth.fill(f32::INFINITY);
+        row_distances(&columns, &mut depth, &mut envelope);
+        for ((d, &depth), &inside) in row.iter_mut().zip(&depth).zip(mask.row(y)) {
+            *d = if inside { 0.5 - depth } else { *d - 0.5 };
+        }
     }
     distance
 }
@@ -100,6 +116,36 @@ fn column_distances(mask: &Mask) -> Grid<u32> {
         for (here, last) in rows.row_mut(y).iter_mut().zip(&mut last) {
             *last = (*here).min(last.saturating_add(1));
             *here = *last;
+        }
+    }
+    rows
+}
+
+/// Distance of each pixel to the nearest pixel of its column that is on the other side of the border
+fn column_changes(mask: &Mask) -> Grid<u32> {
+    let (width, height) = (mask.width(), mask.height());
+    let mut rows = Grid::filled(width, height, NONE);
+    for y in 1..height {
+        let (before, here) = rows.as_mut_slice()[(y - 1) * width..].split_at_mut(width);
+        let sides = mask.row(y - 1).iter().zip(mask.row(y));
+        for ((here, &before), (above, inside)) in here.iter_mut().zip(&*before).zip(sides) {
+            *here = if above == inside {
+                before.saturating_add(1)
+            } else {
+                1
+            };
+        }
+    }
+    for y in (1..height).rev() {
+        let (here, after) = rows.as_mut_slice()[(y - 1) * width..].split_at_mut(width);
+        let sides = mask.row(y - 1).iter().zip(mask.row(y));
+        for ((here, &after), (inside, below)) in here.iter_mut().zip(&*after).zip(sides) {
+            let up = if inside == below {
+                after.saturating_add(1)
+            } else {
+                1
+            };
+            *here = up.min(*here);
         }
     }
     rows
@@ -255,6 +301,21 @@ mod tests {
             let fast = distance_to(&mask);
             let slow = distance_reference(&mask);
             prop_assert_eq!(fast.as_slice(), slow.as_slice());
+        }
+
+        #[test]
+        fn signed_distances_are_distances_to_the_other_side(mask in masks()) {
+            let outside = distance_to(&mask);
+            let inside = distance_to(&mask.map(|&v| !v));
+            let signed = signed_distance(&mask);
+            for (i, &d) in signed.as_slice().iter().enumerate() {
+                let expected = if mask.as_slice()[i] {
+                    0.5 - inside.as_slice()[i]
+                } else {
+                    outside.as_slice()[i] - 0.5
+                };
+                prop_assert_eq!(d, expected);
+            }
         }
 
         #[test]

@@ -73,19 +73,27 @@ impl ReferenceContourMap {
         let Some(map) = &self.signed else {
             return f64::INFINITY;
         };
-        let far = DVec2::new(map.width() as f64, map.height() as f64) - 1.5;
-        let place = point.clamp(DVec2::splat(-0.5), far - 0.5);
-        // Pixel (0, 0) of the image is pixel (1, 1) of the map
-        let at = place + 0.5;
-        let x = (at.x as usize).min(map.width() - 2);
-        let y = (at.y as usize).min(map.height() - 2);
-        let t = at - DVec2::new(x as f64, y as f64);
+        // Pixel (0, 0) of the image is pixel (1, 1) of the map; whole numbers are pixel centers
+        let last = DVec2::new((map.width() - 1) as f64, (map.height() - 1) as f64);
+        let at = point + 0.5;
+        let place = at.clamp(DVec2::ZERO, last);
+        let x = (place.x as usize).min(map.width() - 2);
+        let y = (place.y as usize).min(map.height() - 2);
+        let t = place - DVec2::new(x as f64, y as f64);
         let start = y * map.width() + x;
         let upper = &map.as_slice()[start..start + 2];
         let lower = &map.as_slice()[start + map.width()..start + map.width() + 2];
-        let mix = |pair: &[f32]| f64::from(pair[0]) * (1.0 - t.x) + f64::from(pair[1]) * t.x;
-        let signed = mix(upper) * (1.0 - t.y) + mix(lower) * t.y;
-        signed.abs() + place.distance(point)
+        let mix = |pair: &[f32]| {
+            let (left, right) = (f64::from(pair[0]), f64::from(pair[1]));
+            left + (right - left) * t.x
+        };
+        let (upper, lower) = (mix(upper), mix(lower));
+        let distance = (upper + (lower - upper) * t.y).abs();
+        if place == at {
+            distance
+        } else {
+            distance + place.distance(at)
+        }
     }
 
     /// Sum of the distances of shifted points; gives up as soon as the sum reaches `limit`
