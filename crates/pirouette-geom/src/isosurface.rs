@@ -124,7 +124,9 @@ pub fn extract_surface(
             .par_iter_mut()
             .map(|brick| brick.sample(&grid))
             .collect();
-        bricks.extend(work.into_iter().map(|brick| (brick.origin, brick)));
+        // Most bricks searched turn out to hold nothing: they go at once, or they would fill the memory.
+        let found = work.into_iter().filter(|brick| brick.active != 0);
+        bricks.extend(found.map(|brick| (brick.origin, brick)));
         pending = BTreeMap::new();
         for (origin, node) in requests.into_iter().flatten() {
             let active = bricks.get(&origin).map_or(0, |brick| brick.active);
@@ -133,7 +135,7 @@ pub fn extract_surface(
             }
         }
     }
-    let bricks: Vec<Brick> = bricks.into_values().filter(|b| b.active != 0).collect();
+    let bricks: Vec<Brick> = bricks.into_values().collect();
     let pieces: Vec<Piece> = bricks.par_iter().map(|brick| brick.cut(&grid)).collect();
     Ok(weld(pieces))
 }
@@ -248,7 +250,7 @@ enum Wanted {
 struct Brick {
     /// First cell
     origin: [u32; 3],
-    /// Values at the corners, NaN where not yet evaluated; x runs fastest
+    /// Values at the corners, NaN where not yet evaluated; x runs fastest; empty before the first
     values: Vec<f32>,
     /// Nodes that are switched on, one bit each; x runs fastest
     active: u64,
@@ -259,12 +261,13 @@ impl Brick {
     fn new(origin: [u32; 3]) -> Self {
         Self {
             origin,
-            values: vec![f32::NAN; BRICK_CORNERS.pow(3)],
+            values: Vec::new(),
             active: 0,
             wanted: Wanted::Search,
         }
     }
 
+    #[inline]
     fn slot(local: [u32; 3]) -> usize {
         let [x, y, z] = local.map(|v| v as usize);
         x + BRICK_CORNERS * (y + BRICK_CORNERS * z)
@@ -272,6 +275,9 @@ impl Brick {
 
     fn value<F: Fn(DVec3) -> f64 + Sync>(&mut self, grid: &Lattice<F>, local: [u32; 3]) -> f64 {
         let slot = Self::slot(local);
+        if self.values.is_empty() {
+            self.values.resize(BRICK_CORNERS.pow(3), f32::NAN);
+        }
         if self.values[slot].is_nan() {
             // Bounded so that interpolation between two corners stays finite
             let bound = f64::from(f32::MAX) / 4.0;
@@ -334,6 +340,10 @@ impl Brick {
 
     /// Nodes near the surface, found from coarse to fine
     fn search<F: Fn(DVec3) -> f64 + Sync>(&mut self, grid: &Lattice<F>) -> u64 {
+        let center = grid.value(offset(self.origin, [1; 3], BRICK / 2));
+        if !grid.may_cut(self.origin, BRICK, center) {
+            return 0;
+        }
         let mut found = 0;
         let mut blocks = vec![([0; 3], BRICK)];
         while let Some((local, size)) = blocks.pop() {
@@ -541,10 +551,12 @@ fn node_mask(cell: [u32; 3]) -> u64 {
 }
 
 /// Corner of the unit cube by its bits
+#[inline]
 fn cube_corner(bits: u32) -> [u32; 3] {
     [bits & 1, bits >> 1 & 1, bits >> 2 & 1]
 }
 
+#[inline]
 fn offset(origin: [u32; 3], by: [u32; 3], step: u32) -> [u32; 3] {
     std::array::from_fn(|a| origin[a] + by[a] * step)
 }

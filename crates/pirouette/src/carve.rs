@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::units::TurnAngle;
-use outline_map::OutlineMap;
+pub(crate) use outline_map::OutlineMap;
 
 /// One silhouette and how it was seen
 #[derive(Debug, Clone, Copy)]
@@ -141,8 +141,8 @@ const MAX_RADIUS_PART: f64 = 0.75;
 /// Height up to which the hull is looked for, in mm; the tallest person ever measured had 2720
 const MAX_HEIGHT_MM: f64 = 3000.0;
 
-/// Field evaluations that refine each vertex; one leaves 0.1 mm where two outlines cross, two 0.02
-const SECANT_STEPS: usize = 2;
+/// Field evaluations that refine each vertex: one mends what linear interpolation misses at the hull's edges
+const SECANT_STEPS: usize = 1;
 
 /// Carves the visual hull: its largest piece, closed, manifold and outward oriented, cut off at the floor
 ///
@@ -324,10 +324,10 @@ fn direction_spread(turns: impl Iterator<Item = TurnAngle>) -> f64 {
 /// Bound of how fast a silhouette's distance in mm changes per mm
 ///
 /// Across the line of sight by 1 / cos of the angle off the optical axis; along it, the distance grows with the
-/// depth, which adds up to 30 % within half the depth.
+/// depth, which adds 15 % within a quarter of the depth; larger blocks are never skipped.
 fn slope_bound(camera: &Camera) -> f64 {
     let half_diagonal = (camera.width_px as f64).hypot(camera.height_px as f64) / 2.0;
-    1.3 * (half_diagonal / camera.focal_px()).hypot(1.0)
+    1.15 * (half_diagonal / camera.focal_px()).hypot(1.0)
 }
 
 impl ProjectedView {
@@ -350,6 +350,7 @@ impl ProjectedView {
     /// Signed distances in mm at the depth of a world point: to the silhouette's outline and to the photo's border
     ///
     /// NaN at and behind the camera.
+    #[inline]
     fn distances(&self, point: DVec3) -> (f64, f64) {
         let [x, y, z] = self.axes;
         let in_view = self.origin + x * point.x + y * point.y + z * point.z;

@@ -6,13 +6,15 @@ use pirouette_geom::distance_map::signed_distance;
 use pirouette_geom::{Grid, Mask};
 
 /// Signed distance to the outline of a soft silhouette, negative inside
-pub(super) struct OutlineMap {
+pub(crate) struct OutlineMap {
     /// Distances at pixel centers, in px
     distances: Grid<f32>,
     /// Photo coordinates of the first pixel center
     first: DVec2,
+    /// Largest position between pixel centers: just before the last column and row
+    last_cell: DVec2,
     /// Whether the silhouette is cut off by the border of the photo
-    pub(super) cut: bool,
+    pub(crate) cut: bool,
 }
 
 /// Within this distance, in px, values come from the outline itself; beyond, from whole pixels
@@ -28,10 +30,10 @@ const MARGIN_PX: usize = 24;
 
 impl OutlineMap {
     /// Coverage at the outline
-    pub(super) const LEVEL: f32 = 0.5;
+    pub(crate) const LEVEL: f32 = 0.5;
 
     /// `None` for a silhouette without inside
-    pub(super) fn new(silhouette: &Grid<f32>) -> Option<Self> {
+    pub(crate) fn new(silhouette: &Grid<f32>) -> Option<Self> {
         let (x0, y0, x1, y1) = silhouette.threshold(Self::LEVEL).bounding_box()?;
         let (width, height) = (silhouette.width(), silhouette.height());
         let cut = x0 == 0 || y0 == 0 || x1 == width || y1 == height;
@@ -41,8 +43,11 @@ impl OutlineMap {
         let mask = soft.threshold(Self::LEVEL);
         let mut distances = distances_to_outline(&soft);
         blend_far(&mut distances, &mask);
+        let distances = at_least_two_wide(distances);
+        let size = DVec2::new(distances.width() as f64, distances.height() as f64);
         Some(Self {
             distances,
+            last_cell: size - (1.0 + 1e-9),
             first: DVec2::new(x0 as f64 + 0.5, y0 as f64 + 0.5),
             cut,
         })
@@ -52,17 +57,31 @@ impl OutlineMap {
     ///
     /// Beyond the border of the map its border values go on: where the photo cuts the silhouette off, the
     /// silhouette goes on too; elsewhere the value is positive and too small.
-    pub(super) fn at(&self, u: f64, v: f64) -> f64 {
-        let (width, height) = (self.distances.width(), self.distances.height());
-        let x = (u - self.first.x).clamp(0.0, (width - 1) as f64);
-        let y = (v - self.first.y).clamp(0.0, (height - 1) as f64);
-        let (x0, y0) = (x as usize, y as usize);
-        let (x1, y1) = ((x0 + 1).min(width - 1), (y0 + 1).min(height - 1));
-        let (fx, fy) = (x - x0 as f64, y - y0 as f64);
-        let (upper, lower) = (self.distances.row(y0), self.distances.row(y1));
-        let mix = |row: &[f32]| f64::from(row[x0]) * (1.0 - fx) + f64::from(row[x1]) * fx;
-        mix(upper) * (1.0 - fy) + mix(lower) * fy
+    #[inline]
+    pub(crate) fn at(&self, u: f64, v: f64) -> f64 {
+        let width = self.distances.width();
+        let x = (u - self.first.x).clamp(0.0, self.last_cell.x);
+        let y = (v - self.first.y).clamp(0.0, self.last_cell.y);
+        let (column, row) = (x as usize, y as usize);
+        let (fx, fy) = (x - column as f64, y - row as f64);
+        // The map has at least two columns and rows: the cell right and below exists.
+        let start = row * width + column;
+        let cell = &self.distances.as_slice()[start..start + width + 2];
+        let mix = |a: f32, b: f32| f64::from(a) + (f64::from(b) - f64::from(a)) * fx;
+        let (upper, lower) = (mix(cell[0], cell[1]), mix(cell[width], cell[width + 1]));
+        upper + (lower - upper) * fy
     }
+}
+
+/// Repeats the only column or row, so that there is a cell to interpolate in
+fn at_least_two_wide(map: Grid<f32>) -> Grid<f32> {
+    let (width, height) = (map.width(), map.height());
+    if width > 1 && height > 1 {
+        return map;
+    }
+    Grid::from_fn(width.max(2), height.max(2), |x, y| {
+        map[(x.min(width - 1), y.min(height - 1))]
+    })
 }
 
 /// Smooths by the weights 1 2 1 along both axes; NaN counts as outside

@@ -1,0 +1,496 @@
+//! Girths from support lines: what the outlines of all views say about the tape in one plane.
+//!
+//! Where a line of sight grazes the body, the plane through it along the outline touches the body; its trace
+//! in the plane of a tape is a line that the tape touches. Such a *support line* has a distance `h` from an
+//! axis inside and a normal at the angle `theta`. By Cauchy's formula the tape is the integral of `h`
+//! over all angles, `2 pi` times its mean, and the mean follows from a Fourier series fitted through few
+//! angles, even or not. A hull carved from the same silhouettes would be longer: its corners stand out.
+
+use std::f64::consts::TAU;
+
+use faer::linalg::solvers::Solve;
+use glam::{DMat3, DVec2, DVec3};
+use pirouette_geom::section::{convex_hull, loop_normal, perimeter};
+use pirouette_geom::{Grid, distance_map::bilinear};
+
+use crate::camera::Camera;
+use crate::carve::{CarveView, OutlineMap};
+
+/// A view as the tape sees it
+pub(super) struct SeenView {
+    outline: OutlineMap,
+    /// Coverage of the photo by the avatar: tells which outline belongs to which part
+    expected: Grid<f32>,
+    camera: Camera,
+    world_from_room: DMat3,
+}
+
+impl SeenView {
+    /// `None` for an empty silhouette; `expected` is the avatar's coverage in the same photo
+    pub(super) fn new(view: &CarveView, expected: Grid<f32>) -> Option<Self> {
+        Some(Self {
+            outline: OutlineMap::new(view.silhouette)?,
+            expected,
+            camera: view.camera,
+            world_from_room: view.turn.room_from_world().transpose(),
+        })
+    }
+
+    fn camera_in_world(&self) -> DVec3 {
+        self.world_from_room * self.camera.center()
+    }
+
+    /// Photo point of a world point; `None` behind the camera
+    fn project(&self, point: DVec3) -> Option<DVec2> {
+        let in_room = self.world_from_room.transpose() * point;
+        (self.camera.depth(in_room) > 0.0).then(|| self.camera.project(in_room))
+    }
+}
+
+/// The convex curve in which a tape is expected, in its plane
+#[derive(Debug, Clone)]
+pub(super) struct ExpectedTape {
+    /// A point inside
+    center: DVec3,
+    /// Axes of the plane
+    u: DVec3,
+    v: DVec3,
+    /// Convex hull of the avatar's loop around the center, counter-clockwise
+    hull: Vec<DVec2>,
+}
+
+impl ExpectedTape {
+    /// The tape around a loop of points: in the plane across `normal`, or else in the plane of the loop
+    ///
+    /// `None` for a loop without area.
+    pub(super) fn new(points: &[DVec3], normal: Option<DVec3>) -> Option<Self> {
+        let normal = match normal {
+            Some(normal) => normal.try_normalize()?,
+            None => loop_normal(points)?,
+        };
+        let (u, v) = normal.any_orthonormal_pair();
+        let mean = points.iter().sum::<DVec3>() / points.len() as f64;
+        let flat = |p: &DVec3| DVec2::new((*p - mean).dot(u), (*p - mean).dot(v));
+        let mut hull = convex_hull(&points.iter().map(flat).collect::<Vec<_>>());
+        if hull.len() < 3 {
+            return None;
+        }
+        // The mean leans to where the loop has many points; the middle of the hull does not.
+        let middle = hull.iter().sum::<DVec2>() / hull.len() as f64;
+        for p in &mut hull {
+            *p -= middle;
+        }
+        Some(Self {
+            center: mean + u * middle.x + v * middle.y,
+            u,
+            v,
+            hull,
+        })
+    }
+
+    /// The same tape elsewhere
+    pub(super) fn moved(&self, by: DVec3) -> Self {
+        Self {
+            center: self.center + by,
+            ..self.clone()
+        }
+    }
+
+    /// A point inside the tape
+    pub(super) fn center(&self) -> DVec3 {
+        self.center
+    }
+
+    /// Unit normal of the plane
+    pub(super) fn normal(&self) -> DVec3 {
+        self.u.cross(self.v)
+    }
+
+    /// Length of the expected tape, in mm
+    pub(super) fn girth(&self) -> f64 {
+        perimeter(&self.hull)
+    }
+
+    /// Distance from the center of the support line with this outward normal
+    fn support(&self, normal: DVec2) -> f64 {
+        self.hull
+            .iter()
+            .map(|p| p.dot(normal))
+            .fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    fn lift(&self, point: DVec2) -> DVec3 {
+        self.center + self.u * point.x + self.v * point.y
+    }
+
+    fn flatten(&self, direction: DVec3) -> DVec2 {
+        DVec2::new(direction.dot(self.u), direction.dot(self.v))
+    }
+}
+
+/// A line in the plane of a tape that the tape touches
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SupportLine {
+    /// The view that shows it
+    pub(super) view: usize,
+    /// Unit normal, outward
+    normal: DVec2,
+    /// Distance from the tape's expected center, in mm
+    offset_mm: f64,
+    /// How much the line moves outward per mm that the silhouette is shifted to the right in the photo
+    shift_rate: f64,
+}
+
+/// Outlines are looked for up to this multiple of the avatar's extent
+///
+/// Bodies reach 1.6 times the avatar's; beyond lies another limb.
+const MAX_EXTENT: f64 = 1.8;
+/// Outlines are looked for from this multiple of the avatar's extent on
+const MIN_EXTENT: f64 = 0.5;
+
+/// Free background that the avatar must show beyond an outline for it to count, in mm
+///
+/// Less, and limbs that touch the trunk on larger bodies count as trunk; more, and thighs lose their inner sides.
+const CLEARANCE_MM: f64 = 12.0;
+
+/// Gradients of the distance map are taken over this distance to either side, in px
+const GRADIENT_REACH_PX: f64 = 2.0;
+
+/// Support lines of the tape in all views where its outline is free
+pub(super) fn find_lines(tape: &ExpectedTape, views: &[SeenView]) -> Vec<SupportLine> {
+    let mut lines = Vec::with_capacity(2 * views.len());
+    for (index, view) in views.iter().enumerate() {
+        for touch in touching_points(tape, view).into_iter().flatten() {
+            lines.extend(find_line(tape, index, view, touch));
+        }
+    }
+    lines
+}
+
+/// Where the two lines of sight in the plane graze the expected tape; `None` where the view looks along its axis
+fn touching_points(tape: &ExpectedTape, view: &SeenView) -> Option<[DVec2; 2]> {
+    /// Nearer to the axis, the outline is that of a bent limb's end, not of its sides; in radii
+    const MIN_DISTANCE_RADII: f64 = 3.0;
+    let eye = tape.flatten(view.camera_in_world() - tape.center);
+    let radius = tape.hull.iter().map(|p| p.length()).fold(0.0, f64::max);
+    if eye.length() < MIN_DISTANCE_RADII * radius {
+        return None;
+    }
+    let angle = |p: &DVec2| (-eye).angle_to(*p - eye);
+    let by_angle = |a: &&DVec2, b: &&DVec2| angle(a).total_cmp(&angle(b));
+    let right = tape.hull.iter().min_by(by_angle)?;
+    let left = tape.hull.iter().max_by(by_angle)?;
+    Some([*right, *left])
+}
+
+fn find_line(
+    tape: &ExpectedTape,
+    index: usize,
+    view: &SeenView,
+    touch: DVec2,
+) -> Option<SupportLine> {
+    let inner = view.project(tape.center)?;
+    let outer = view.project(tape.lift(touch))?;
+    let outward = (outer - inner).try_normalize()?;
+    let extent = outer.distance(inner);
+    // The avatar must show background right beyond the tape's edge.
+    let px_per_mm = view.camera.focal_px()
+        / view
+            .camera
+            .depth(view.world_from_room.transpose() * tape.center);
+    const PROBES: u32 = 4;
+    for probe in 1..=PROBES {
+        let beyond = CLEARANCE_MM * f64::from(probe) / f64::from(PROBES);
+        let covered = bilinear(&view.expected, outer + outward * beyond * px_per_mm);
+        if !(covered < 0.5) {
+            return None;
+        }
+    }
+    let at = |t: f64| {
+        let p = inner + outward * t;
+        view.outline.at(p.x, p.y)
+    };
+    let edge = inner + outward * nearest_edge(at, extent)?;
+    let (width, height) = (view.camera.width_px as f64, view.camera.height_px as f64);
+    let seen = edge.cmpgt(DVec2::splat(1.0)).all() && edge.x < width - 1.0 && edge.y < height - 1.0;
+    if !seen {
+        return None;
+    }
+    let slope = |step: DVec2| {
+        let (after, before) = (edge + step, edge - step);
+        view.outline.at(after.x, after.y) - view.outline.at(before.x, before.y)
+    };
+    let across = DVec2::new(
+        slope(DVec2::X * GRADIENT_REACH_PX),
+        slope(DVec2::Y * GRADIENT_REACH_PX),
+    )
+    .try_normalize()?;
+    // An outline that runs along the search line is the end of something.
+    if across.dot(outward) < 0.4 {
+        return None;
+    }
+    let along = across.perp();
+    let ray = |p: DVec2| view.world_from_room * view.camera.ray(p);
+    let plane_normal = ray(edge).cross(ray(edge + along));
+    let trace = tape.flatten(plane_normal);
+    let steepness = trace.length();
+    // Where the touching plane is nearly parallel to the tape's, its trace is nowhere exact.
+    if steepness < 0.3 * plane_normal.length() {
+        return None;
+    }
+    let offset_mm = plane_normal.dot(view.camera_in_world() - tape.center) / steepness;
+    let sign = if trace.dot(touch) < 0.0 { -1.0 } else { 1.0 };
+    let right = view.world_from_room * DVec3::X;
+    Some(SupportLine {
+        view: index,
+        normal: trace * (sign / steepness),
+        offset_mm: sign * offset_mm,
+        shift_rate: sign * plane_normal.dot(right) / steepness,
+    })
+}
+
+/// Distance from the center at which the silhouette ends, nearest to where it should
+fn nearest_edge(signed_distance: impl Fn(f64) -> f64, expected: f64) -> Option<f64> {
+    /// Steps of the search, in px: thinner gaps than this are no background
+    const STEP_PX: f64 = 0.5;
+    let (least, most) = (MIN_EXTENT * expected, MAX_EXTENT * expected);
+    let inside = |t: f64| signed_distance(t) < 0.0;
+    let (mut inner, mut outer) = if inside(expected) {
+        let mut t = expected;
+        while inside(t + STEP_PX) {
+            t += STEP_PX;
+            if t > most {
+                return None;
+            }
+        }
+        (t, t + STEP_PX)
+    } else {
+        let mut t = expected;
+        while !inside(t - STEP_PX) {
+            t -= STEP_PX;
+            if t < least {
+                return None;
+            }
+        }
+        (t - STEP_PX, t)
+    };
+    const HALVINGS: usize = 12;
+    for _ in 0..HALVINGS {
+        let middle = (inner + outer) / 2.0;
+        if inside(middle) {
+            inner = middle;
+        } else {
+            outer = middle;
+        }
+    }
+    Some((inner + outer) / 2.0)
+}
+
+/// A tape's length from support lines
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct FittedGirth {
+    /// Length of the tape, in mm
+    pub(super) girth_mm: f64,
+    /// Standard deviation, in mm, by what lines and priors say of each other
+    pub(super) sd_mm: f64,
+    /// Lines that agree with the tape
+    pub(super) line_count: usize,
+    /// Views that these lines come from
+    pub(super) view_count: usize,
+    /// Center of the tape in its plane against the expected one, in mm
+    pub(super) shift: DVec2,
+}
+
+/// How exactly an outline tells a support line, as a standard deviation in mm: about half a pixel
+const LINE_SIGMA_MM: f64 = 1.2;
+
+/// How far a silhouette may be shifted sideways against the others, as a standard deviation in mm
+///
+/// What sway leaves after normalization. A shift moves the two outlines of a view in opposite directions,
+/// which leaves the girth alone; wider, and tapes with one outline per view lose their center.
+const SHIFT_SIGMA_MM: f64 = 12.0;
+
+/// Prior of the difference from the scaled avatar, per harmonic, as a part of the radius
+///
+/// The first moves the center, the second makes the tape more or less flat, the third pear-shaped.
+const HARMONIC_SIGMAS: [f64; 3] = [0.4, 0.10, 0.03];
+
+/// Prior of the girth itself, as a part of the avatar's: nearly free
+const SIZE_SIGMA: f64 = 0.5;
+
+/// Fits the avatar's tape, scaled and bent by three harmonics, to support lines; girths follow by Cauchy's formula
+///
+/// Lines of limbs that hide the outline stand off and lose their weight. `None` without lines.
+pub(super) fn fit_girth(
+    tape: &ExpectedTape,
+    lines: &[SupportLine],
+    view_count: usize,
+) -> Option<FittedGirth> {
+    /// Rounds: each sets the scale of the avatar's shape and the weights anew
+    const ROUNDS: usize = 10;
+    if lines.is_empty() {
+        return None;
+    }
+    let expected_mean = tape.girth() / TAU;
+    let mut scale = 1.0;
+    let mut weights = vec![1.0; lines.len()];
+    let mut solution = None;
+    for round in 0..ROUNDS {
+        let radius = scale * expected_mean;
+        let problem = Problem::new(tape, lines, &weights, view_count, scale, radius);
+        let solved = problem.solve()?;
+        let mean = radius + solved.unknowns[0];
+        if !(mean > 0.0) {
+            return None;
+        }
+        // Wide at first, so that a wrong start does not condemn right lines; never below what is usual
+        let tolerance = f64::max(
+            0.15 * mean / (1 << round.min(4)) as f64,
+            3.0 * LINE_SIGMA_MM,
+        );
+        for (weight, residual) in weights.iter_mut().zip(&solved.residuals) {
+            *weight = 1.0 / (1.0 + (residual / tolerance).powi(2)).powi(2);
+        }
+        scale = mean / expected_mean;
+        solution = Some((solved, mean));
+    }
+    let (solved, mean) = solution?;
+    let kept = || lines.iter().zip(&weights).filter(|&(_, &w)| w > 0.25);
+    let mut seen = vec![false; view_count];
+    for (line, _) in kept() {
+        seen[line.view] = true;
+    }
+    Some(FittedGirth {
+        girth_mm: TAU * mean,
+        sd_mm: TAU * solved.mean_sigma,
+        line_count: kept().count(),
+        view_count: seen.into_iter().filter(|&s| s).count(),
+        shift: DVec2::new(solved.unknowns[1], solved.unknowns[2]),
+    })
+}
+
+/// Linear least squares for one round: mean radius, three harmonics, one shift per view
+struct Problem {
+    /// Row per line: derivatives by the unknowns
+    rows: Vec<Vec<f64>>,
+    /// Per line: measured minus expected offset
+    targets: Vec<f64>,
+    weights: Vec<f64>,
+    /// Standard deviation of each unknown, around zero
+    priors: Vec<f64>,
+}
+
+struct Solved {
+    unknowns: Vec<f64>,
+    /// Standard deviation of the mean radius
+    mean_sigma: f64,
+    /// Per line
+    residuals: Vec<f64>,
+}
+
+impl Problem {
+    fn new(
+        tape: &ExpectedTape,
+        lines: &[SupportLine],
+        weights: &[f64],
+        view_count: usize,
+        scale: f64,
+        radius: f64,
+    ) -> Self {
+        let mut priors = vec![SIZE_SIGMA * radius];
+        for sigma in HARMONIC_SIGMAS {
+            priors.extend([sigma * radius; 2]);
+        }
+        let shifts = priors.len();
+        priors.extend(vec![SHIFT_SIGMA_MM; view_count]);
+        let row = |line: &SupportLine| {
+            let mut row = vec![0.0; priors.len()];
+            row[0] = 1.0;
+            let angle = line.normal.to_angle();
+            for k in 0..HARMONIC_SIGMAS.len() {
+                let (sin, cos) = ((k + 1) as f64 * angle).sin_cos();
+                (row[1 + 2 * k], row[2 + 2 * k]) = (cos, sin);
+            }
+            row[shifts + line.view] = line.shift_rate;
+            row
+        };
+        Self {
+            rows: lines.iter().map(row).collect(),
+            targets: lines
+                .iter()
+                .map(|line| line.offset_mm - scale * tape.support(line.normal))
+                .collect(),
+            weights: weights.to_vec(),
+            priors,
+        }
+    }
+
+    fn solve(&self) -> Option<Solved> {
+        let n = self.priors.len();
+        let information = 1.0 / LINE_SIGMA_MM.powi(2);
+        let mut normal = faer::Mat::<f64>::zeros(n, n);
+        // The second column asks for the variance of the first unknown.
+        let mut right = faer::Mat::<f64>::zeros(n, 2);
+        right[(0, 1)] = 1.0;
+        for (k, prior) in self.priors.iter().enumerate() {
+            normal[(k, k)] = prior.powi(-2);
+        }
+        for ((row, target), weight) in self.rows.iter().zip(&self.targets).zip(&self.weights) {
+            for i in 0..n {
+                for j in 0..n {
+                    normal[(i, j)] += weight * information * row[i] * row[j];
+                }
+                right[(i, 0)] += weight * information * row[i] * target;
+            }
+        }
+        let solved = normal.llt(faer::Side::Lower).ok()?.solve(&right);
+        let unknowns: Vec<f64> = (0..n).map(|i| solved[(i, 0)]).collect();
+        let predicted = |row: &Vec<f64>| row.iter().zip(&unknowns).map(|(a, b)| a * b).sum::<f64>();
+        let residuals = self.rows.iter().zip(&self.targets);
+        let residuals: Vec<f64> = residuals
+            .map(|(row, target)| target - predicted(row))
+            .collect();
+        let finite = unknowns.iter().chain(&residuals).all(|v| v.is_finite());
+        finite.then(|| Solved {
+            mean_sigma: solved[(0, 1)].max(0.0).sqrt(),
+            unknowns,
+            residuals,
+        })
+    }
+}
+
+impl SeenView {
+    /// Direction of the line of sight seen from above, in radians from 0 to pi; opposite views have the same
+    pub(super) fn line_of_sight(&self) -> f64 {
+        let direction = self.world_from_room * DVec3::Z;
+        direction
+            .x
+            .atan2(direction.z)
+            .rem_euclid(std::f64::consts::PI)
+    }
+
+    /// Height of the top of the gap between the legs, where the avatar has one in this view
+    ///
+    /// `crotch` is the expected height, `reach` how far around it to look, in mm.
+    pub(super) fn top_of_gap(&self, crotch: f64, reach: f64) -> Option<f64> {
+        const STEP_MM: f64 = 1.0;
+        let column = |height: f64| self.project(DVec3::Y * height);
+        // Seen from aside, one leg hides the other and the avatar has no gap.
+        let gap = column(crotch - reach)?;
+        if !(bilinear(&self.expected, gap) < 0.5) {
+            return None;
+        }
+        let inside = |height: f64| column(height).map(|p| self.outline.at(p.x, p.y) < 0.0);
+        let mut height = crotch - reach;
+        if inside(height)? {
+            return None;
+        }
+        while !inside(height)? {
+            height += STEP_MM;
+            if height > crotch + reach {
+                return None;
+            }
+        }
+        Some(height - STEP_MM / 2.0)
+    }
+}
