@@ -36,6 +36,11 @@ impl SeenView {
         })
     }
 
+    /// Whether the avatar leaves a photo point free
+    fn expects_background(&self, point: DVec2) -> bool {
+        bilinear(&self.expected, point) < 0.5
+    }
+
     fn camera_in_world(&self) -> DVec3 {
         self.world_from_room * self.camera.center()
     }
@@ -44,6 +49,40 @@ impl SeenView {
     fn project(&self, point: DVec3) -> Option<DVec2> {
         let in_room = self.world_from_room.transpose() * point;
         (self.camera.depth(in_room) > 0.0).then(|| self.camera.project(in_room))
+    }
+
+    /// Direction of the line of sight seen from above, in radians from 0 to pi; opposite views have the same
+    pub(super) fn line_of_sight(&self) -> f64 {
+        let direction = self.world_from_room * DVec3::Z;
+        direction
+            .x
+            .atan2(direction.z)
+            .rem_euclid(std::f64::consts::PI)
+    }
+
+    /// Height of the top of the gap between the legs, where the avatar has one in this view
+    ///
+    /// `crotch` is the expected height, `reach` how far around it to look, in mm.
+    pub(super) fn top_of_gap(&self, crotch: f64, reach: f64) -> Option<f64> {
+        const STEP_MM: f64 = 1.0;
+        let column = |height: f64| self.project(DVec3::Y * height);
+        // Seen from aside, one leg hides the other and the avatar has no gap.
+        let gap = column(crotch - reach)?;
+        if !self.expects_background(gap) {
+            return None;
+        }
+        let inside = |height: f64| column(height).map(|p| self.outline.at(p.x, p.y) < 0.0);
+        let mut height = crotch - reach;
+        if inside(height)? {
+            return None;
+        }
+        while !inside(height)? {
+            height += STEP_MM;
+            if height > crotch + reach {
+                return None;
+            }
+        }
+        Some(height - STEP_MM / 2.0)
     }
 }
 
@@ -201,8 +240,7 @@ fn find_line(
     const PROBES: u32 = 4;
     for probe in 1..=PROBES {
         let beyond = CLEARANCE_MM * f64::from(probe) / f64::from(PROBES);
-        let covered = bilinear(&view.expected, outer + outward * beyond * px_per_mm);
-        if !(covered < 0.5) {
+        if !view.expects_background(outer + outward * beyond * px_per_mm) {
             return None;
         }
     }
@@ -340,7 +378,7 @@ pub(super) fn fit_girth(
         let problem = Problem::new(tape, lines, &weights, view_count, scale, radius);
         let solved = problem.solve()?;
         let mean = radius + solved.unknowns[0];
-        if !(mean > 0.0) {
+        if mean.is_nan() || mean <= 0.0 {
             return None;
         }
         // Wide at first, so that a wrong start does not condemn right lines; never below what is usual
@@ -456,41 +494,5 @@ impl Problem {
             unknowns,
             residuals,
         })
-    }
-}
-
-impl SeenView {
-    /// Direction of the line of sight seen from above, in radians from 0 to pi; opposite views have the same
-    pub(super) fn line_of_sight(&self) -> f64 {
-        let direction = self.world_from_room * DVec3::Z;
-        direction
-            .x
-            .atan2(direction.z)
-            .rem_euclid(std::f64::consts::PI)
-    }
-
-    /// Height of the top of the gap between the legs, where the avatar has one in this view
-    ///
-    /// `crotch` is the expected height, `reach` how far around it to look, in mm.
-    pub(super) fn top_of_gap(&self, crotch: f64, reach: f64) -> Option<f64> {
-        const STEP_MM: f64 = 1.0;
-        let column = |height: f64| self.project(DVec3::Y * height);
-        // Seen from aside, one leg hides the other and the avatar has no gap.
-        let gap = column(crotch - reach)?;
-        if !(bilinear(&self.expected, gap) < 0.5) {
-            return None;
-        }
-        let inside = |height: f64| column(height).map(|p| self.outline.at(p.x, p.y) < 0.0);
-        let mut height = crotch - reach;
-        if inside(height)? {
-            return None;
-        }
-        while !inside(height)? {
-            height += STEP_MM;
-            if height > crotch + reach {
-                return None;
-            }
-        }
-        Some(height - STEP_MM / 2.0)
     }
 }
