@@ -143,6 +143,15 @@ pub(super) fn robust_loss(residual_squared: f64, width: f64) -> f64 {
 }
 
 impl Problem {
+    /// How many of the shared unknowns are solved for: the posture comes last
+    pub(super) fn shared_count(&self) -> usize {
+        if self.free_posture {
+            SHARED_COUNT
+        } else {
+            POSTURE_START
+        }
+    }
+
     pub(super) fn shared_sigmas(&self) -> [f64; SHARED_COUNT] {
         let mut sigmas = [SCALE_SIGMA; SHARED_COUNT];
         sigmas[OFFSET_START..CAMERA_START].fill(OFFSET_SIGMA_MM);
@@ -296,10 +305,11 @@ impl Problem {
                     .collect()
             }),
             rates,
+            free_posture: self.free_posture && rates.is_some(),
             posed: &posed,
             joints: &joints,
         };
-        let columns = POSE_COUNT + rates.map_or(0, |_| SHARED_COUNT) + 1;
+        let columns = POSE_COUNT + rates.map_or(0, |_| self.shared_count()) + 1;
         let mut rows = Mat::<f64>::zeros(2 * view.observed_count(), columns);
         let mut row = 0;
         for joint in Joint::ALL {
@@ -409,6 +419,7 @@ struct Jacobian<'a> {
     /// For each scale, rates of the bones' translations
     shifts: Option<Vec<[DVec3; Bone::COUNT]>>,
     rates: Option<&'a [ScaledFrame]>,
+    free_posture: bool,
     posed: &'a PosedBones,
     joints: &'a [DVec3; Joint::COUNT],
 }
@@ -437,7 +448,7 @@ impl Jacobian<'_> {
                 let parameter = 3 * moving as usize + k;
                 let velocity = self.motions[parameter].velocity(point);
                 put(parameter, velocity * self.pose_sigmas[parameter]);
-                if let (Some(posture), true) = (posture, self.rates.is_some()) {
+                if let (Some(posture), true) = (posture, self.free_posture) {
                     let i = POSTURE_START + 3 * posture + k;
                     put(POSE_COUNT + i, velocity * self.shared_sigmas[i]);
                 }

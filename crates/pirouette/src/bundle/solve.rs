@@ -1,13 +1,15 @@
 //! Damped Gauss-Newton over all views: each view's pose is eliminated, what is left is small.
 
+use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
-use faer::{Mat, Par, Side};
+use faer::{Accum, Mat, Par, Side};
 use rayon::prelude::*;
 
-use super::model::{Normal, POSE_COUNT, Problem, SHARED_COUNT, Shared, Unknowns, ViewData};
+use super::model::{Normal, POSE_COUNT, Problem, Shared, Unknowns, ViewData};
+use super::scales::ScaledFrame;
 
 /// Residuals beyond this many standard deviations lose weight
 ///
@@ -48,10 +50,11 @@ pub(super) fn solve(problem: &Problem, start: Unknowns, rounds: usize) -> Soluti
         // Far from the solution every joint looks like an outlier: start wide, then narrow down.
         width = typical_residual(problem, &shared, &unknowns).clamp(ROBUST_WIDTH, width);
         let before = total_cost(problem, &shared, &unknowns, width);
-        let linear = Linearized::new(problem, &shared, &unknowns, width);
+        let rates = problem.body_rates(&shared);
         let mut gain = 0.0;
         loop {
-            if let Some(candidate) = linear.step(&unknowns, damping) {
+            let candidate = step(problem, &shared, &rates, &unknowns, width, damping);
+            if let Some(candidate) = candidate {
                 let shared = problem.shared(&candidate.shared);
                 gain = before - total_cost(problem, &shared, &candidate, width);
                 if gain >= 0.0 {
@@ -96,7 +99,7 @@ pub(super) fn solve_view(
         let normal = problem.normal(view, shared, None, &pose, ROBUST_WIDTH);
         let mut gain = 0.0;
         while damping <= LAST_DAMPING {
-            let candidate = Eliminated::new(&normal, &pose, 0, damping)
+            let candidate = Eliminated::new(&normal, &pose, damping)
                 .map(|eliminated| eliminated.pose_after(&pose, &[]));
             if let Some(candidate) = candidate {
                 let lower = cost - problem.view_cost(view, shared, &candidate, ROBUST_WIDTH);
@@ -145,70 +148,55 @@ fn total_cost(problem: &Problem, shared: &Shared, unknowns: &Unknowns, width: f6
     views + problem.shared_cost(&unknowns.shared, shared)
 }
 
-/// The normal equations of all views and of what is shared
-struct Linearized {
-    normals: Vec<Normal>,
-    stature_residual: f64,
-    stature_gradient: [f64; SHARED_COUNT],
-}
-
-impl Linearized {
-    fn new(problem: &Problem, shared: &Shared, unknowns: &Unknowns, width: f64) -> Self {
-        let rates = problem.body_rates(shared);
-        let normals = problem
-            .views
-            .par_iter()
-            .zip(&unknowns.poses)
-            .map(|(view, pose)| problem.normal(view, shared, Some(&rates), pose, width))
-            .collect();
-        Self {
-            normals,
-            stature_residual: problem.stature_residual(shared),
-            stature_gradient: problem.stature_gradient(&rates),
-        }
-    }
-
-    /// One damped step, `None` when rounding broke the factorization
-    fn step(&self, unknowns: &Unknowns, damping: f64) -> Option<Unknowns> {
-        let eliminated: Vec<Eliminated> = self
-            .normals
-            .par_iter()
-            .zip(&unknowns.poses)
-            .map(|(normal, pose)| Eliminated::new(normal, pose, SHARED_COUNT, damping))
-            .collect::<Option<_>>()?;
-
-        let mut matrix = Mat::<f64>::zeros(SHARED_COUNT, SHARED_COUNT);
-        let mut negative_gradient = Mat::<f64>::zeros(SHARED_COUNT, 1);
-        for i in 0..SHARED_COUNT {
-            for j in 0..SHARED_COUNT {
-                matrix[(i, j)] = self.stature_gradient[i] * self.stature_gradient[j];
-            }
-            matrix[(i, i)] += 1.0 + damping;
-            negative_gradient[(i, 0)] =
-                -unknowns.shared[i] - self.stature_gradient[i] * self.stature_residual;
-        }
-        for (normal, view) in self.normals.iter().zip(&eliminated) {
-            for i in 0..SHARED_COUNT {
-                let row = POSE_COUNT + i;
-                for j in 0..SHARED_COUNT {
-                    matrix[(i, j)] += normal.matrix[(row, POSE_COUNT + j)] - view.coupling[(i, j)];
-                }
-                negative_gradient[(i, 0)] += view.coupling[(i, SHARED_COUNT)]
-                    - normal.matrix[(row, POSE_COUNT + SHARED_COUNT)];
-            }
-        }
-        let factor = Llt::new(matrix.as_ref(), Side::Lower).ok()?;
-        factor.solve_in_place(negative_gradient.as_mut());
-        let step: [f64; SHARED_COUNT] = std::array::from_fn(|i| negative_gradient[(i, 0)]);
-        Some(Unknowns {
-            shared: std::array::from_fn(|i| unknowns.shared[i] + step[i]),
-            poses: eliminated
-                .iter()
-                .zip(&unknowns.poses)
-                .map(|(view, pose)| view.pose_after(pose, &step))
-                .collect(),
+/// One damped step from some unknowns, `None` when rounding broke a factorization
+fn step(
+    problem: &Problem,
+    shared: &Shared,
+    rates: &[ScaledFrame],
+    unknowns: &Unknowns,
+    width: f64,
+    damping: f64,
+) -> Option<Unknowns> {
+    let count = problem.shared_count();
+    // Each view is linearized and eliminated at once: keeping 72 views' normal equations costs more time
+    // in memory than making them again after one of the rare failed steps.
+    let views: Vec<Eliminated> = problem
+        .views
+        .par_iter()
+        .zip(&unknowns.poses)
+        .map(|(view, pose)| {
+            let normal = problem.normal(view, shared, Some(rates), pose, width);
+            Eliminated::new(&normal, pose, damping)
         })
+        .collect::<Option<_>>()?;
+
+    let stature_residual = problem.stature_residual(shared);
+    let stature_gradient = problem.stature_gradient(rates);
+    let mut matrix = Mat::<f64>::from_fn(count, count, |i, j| {
+        stature_gradient[i] * stature_gradient[j]
+    });
+    let mut gradient = Mat::<f64>::from_fn(count, 1, |i, _| {
+        unknowns.shared[i] + stature_gradient[i] * stature_residual
+    });
+    for i in 0..count {
+        matrix[(i, i)] += 1.0 + damping;
     }
+    for view in &views {
+        matrix += view.shared.submatrix(0, 0, count, count);
+        gradient += view.shared.submatrix(0, count, count, 1);
+    }
+    let factor = Llt::new(matrix.as_ref(), Side::Lower).ok()?;
+    factor.solve_in_place(gradient.as_mut());
+
+    let shared_step: Vec<f64> = (0..count).map(|i| -gradient[(i, 0)]).collect();
+    let mut moved = unknowns.clone();
+    for (x, step) in moved.shared.iter_mut().zip(&shared_step) {
+        *x += step;
+    }
+    for (pose, view) in moved.poses.iter_mut().zip(&views) {
+        *pose = view.pose_after(pose, &shared_step);
+    }
+    Some(moved)
 }
 
 /// One view with its pose eliminated
@@ -216,36 +204,40 @@ struct Eliminated {
     factor: Llt<f64>,
     /// The factor's solutions for the columns of the shared unknowns and, last, for the gradient
     solved: Mat<f64>,
-    /// Products of these columns: what the view takes from the shared equations
-    coupling: Mat<f64>,
+    /// What the view adds to the matrix of the shared unknowns and, last column, to their gradient
+    shared: Mat<f64>,
 }
 
 impl Eliminated {
-    fn new(
-        normal: &Normal,
-        pose: &[f64; POSE_COUNT],
-        shared_count: usize,
-        damping: f64,
-    ) -> Option<Self> {
-        let mut block = normal
-            .matrix
-            .submatrix(0, 0, POSE_COUNT, POSE_COUNT)
-            .to_owned();
-        let mut solved = normal
-            .matrix
-            .submatrix(0, POSE_COUNT, POSE_COUNT, shared_count + 1)
-            .to_owned();
+    fn new(normal: &Normal, pose: &[f64; POSE_COUNT], damping: f64) -> Option<Self> {
+        let rest = normal.matrix.ncols() - POSE_COUNT;
+        let block = |row, column, rows, columns| {
+            normal
+                .matrix
+                .submatrix(row, column, rows, columns)
+                .to_owned()
+        };
+        let mut poses = block(0, 0, POSE_COUNT, POSE_COUNT);
+        let mut solved = block(0, POSE_COUNT, POSE_COUNT, rest);
         for (i, x) in pose.iter().enumerate() {
-            block[(i, i)] += 1.0 + damping;
-            solved[(i, shared_count)] += x;
+            poses[(i, i)] += 1.0 + damping;
+            solved[(i, rest - 1)] += x;
         }
-        let factor = Llt::new(block.as_ref(), Side::Lower).ok()?;
+        let factor = Llt::new(poses.as_ref(), Side::Lower).ok()?;
         solve_lower_triangular_in_place(factor.L(), solved.as_mut(), Par::Seq);
-        let coupling = solved.transpose() * &solved;
+        let mut shared = block(POSE_COUNT, POSE_COUNT, rest, rest);
+        matmul(
+            &mut shared,
+            Accum::Add,
+            solved.transpose(),
+            &solved,
+            -1.0,
+            Par::Seq,
+        );
         Some(Self {
             factor,
             solved,
-            coupling,
+            shared,
         })
     }
 
@@ -253,12 +245,8 @@ impl Eliminated {
     fn pose_after(&self, pose: &[f64; POSE_COUNT], shared_step: &[f64]) -> [f64; POSE_COUNT] {
         let gradient = shared_step.len();
         let mut step = Mat::<f64>::from_fn(POSE_COUNT, 1, |i, _| {
-            let shared: f64 = shared_step
-                .iter()
-                .enumerate()
-                .map(|(j, s)| self.solved[(i, j)] * s)
-                .sum();
-            -self.solved[(i, gradient)] - shared
+            let shared = (0..gradient).map(|j| self.solved[(i, j)] * shared_step[j]);
+            -self.solved[(i, gradient)] - shared.sum::<f64>()
         });
         solve_upper_triangular_in_place(self.factor.L().transpose(), step.as_mut(), Par::Seq);
         std::array::from_fn(|i| pose[i] + step[(i, 0)])
