@@ -14,7 +14,7 @@ const FINGER_CURL_DEGREES: f64 = 24.0;
 const TOE_OUT_DEGREES: f64 = 5.0;
 
 /// Share of the foot's length behind the ankle joint
-const HEEL_SHARE: f64 = 0.235;
+const HEEL_SHARE: f64 = 0.248;
 
 /// Adds the left hand and its mirror image
 pub(super) fn add_hand(field: &mut Field, a: &Anatomy) {
@@ -51,12 +51,20 @@ pub(super) fn add_hand(field: &mut Field, a: &Anatomy) {
         curl_sign(&frame.forearm_axes) * FINGER_CURL_DEGREES.to_radians(),
     ));
     let axes = curl * frame.forearm_axes;
+    // A slab fills the gaps between the fingers, which lie together.
+    let slab = [
+        (-0.02 * length, section(0.20, 0.20, 0.86, 0.86, 0.6)),
+        (0.30 * length, section(0.16, 0.16, 0.74, 0.76, 0.6)),
+        (0.36 * length, section(0.14, 0.14, 0.66, 0.62, 0.6)),
+    ];
+    let slab = Tube::new(knuckles, axes, &slab, [4.0, 0.04 * length]);
+    field.add_pair(Region::Hand, Shape::Tube(slab), 6.0, 1.0);
     // Four fingers side by side, their tips on an arc: index, middle, ring, little finger.
     let fingers = [
-        (0.68, 0.445, 0.225),
-        (0.23, 0.48, 0.235),
-        (-0.23, 0.45, 0.225),
-        (-0.66, 0.37, 0.20),
+        (0.66, 0.44, 0.23),
+        (0.22, 0.475, 0.24),
+        (-0.22, 0.45, 0.23),
+        (-0.64, 0.38, 0.21),
     ];
     for (across, reach, radius) in fingers {
         let from = knuckles + axes.z_axis * (across * half);
@@ -70,7 +78,7 @@ pub(super) fn add_hand(field: &mut Field, a: &Anatomy) {
             to,
             radii: [1.12 * radius * half, tip_radius],
         };
-        field.add_pair(Region::Hand, finger, 4.0, 1.0);
+        field.add_pair(Region::Hand, finger, 9.0, 1.0);
     }
     let at = |along: f64, thumb: f64, back: f64| {
         frame.wrist + frame.forearm_axes * DVec3::new(back * half, along * length, thumb * half)
@@ -155,9 +163,9 @@ pub(super) fn add_foot(field: &mut Field, a: &Anatomy) {
     let keys = [
         row(0.10, 0.97 * heel, 0.97 * heel, 30.0, -0.02),
         row(0.22, 0.92 * heel, 0.92 * heel, 42.0, 0.0),
-        row(0.36, 0.70, 0.64, 44.0, 0.02),
-        row(0.50, 0.84, 0.68, 36.0, 0.02),
-        row(0.64, 0.98, 0.92, 25.0, 0.0),
+        row(0.36, 0.70, 0.64, 49.0, 0.02),
+        row(0.50, 0.84, 0.68, 40.0, 0.02),
+        row(0.64, 0.98, 0.92, 27.0, 0.0),
         row(0.74, 0.98, 0.98, 19.0, 0.0),
         row(0.82, 0.90, 0.92, 15.0, 0.0),
     ];

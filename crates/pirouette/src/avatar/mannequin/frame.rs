@@ -46,17 +46,17 @@ pub(super) struct Frame {
 /// People who turn on the spot turn on their heels rather than about their ankles.
 const ANKLE_BEFORE_AXIS: f64 = 14.0;
 
-/// Half the distance of the ankles, in per mille: the stance with the legs about 5 degrees apart
-const HALF_STANCE: f64 = 107.0;
+/// Half the distance of the ankles of women and men, in per mille: the stance with the legs about 5 degrees apart
+const HALF_STANCE: [f64; 2] = [107.0, 112.0];
 
 /// Half the distance of the hip joint centers, in per mille
 const HALF_HIP: f64 = 57.0;
 
 /// Shoulder joint center below the acromion with the arms at 48 degrees, in per mille
-const SHOULDER_BELOW_ACROMION: f64 = 23.0;
+const SHOULDER_BELOW_ACROMION: f64 = 18.0;
 
 /// How much the shoulder rises when the arm goes from 48 degrees below the horizontal to level, in per mille
-const SHOULDER_RISE: f64 = 14.0;
+const SHOULDER_RISE: f64 = 18.0;
 
 /// Shoulder joint center to elbow joint center over acromion to radiale
 ///
@@ -66,13 +66,18 @@ const SHOULDER_RISE: f64 = 14.0;
 const UPPER_ARM_OVER_ACROMION_RADIALE: f64 = 0.845;
 
 impl Frame {
-    pub(super) fn new(d: &Proportions, stature_mm: f64, arms: ArmPose) -> Self {
+    pub(super) fn new(d: &Proportions, maleness: f64, stature_mm: f64, arms: ArmPose) -> Self {
+        let by_sex = |female: f64, male: f64| female + (male - female) * maleness;
         let mille = stature_mm / 1000.0;
         let plumb_z = ANKLE_BEFORE_AXIS * mille;
         let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, plumb_z + z * mille);
 
         let hip = at(HALF_HIP * mille, d.trochanter_height + 5.0 * mille, -10.0);
-        let ankle = at(HALF_STANCE * mille, d.malleolus_height, 0.0);
+        let ankle = at(
+            by_sex(HALF_STANCE[0], HALF_STANCE[1]) * mille,
+            d.malleolus_height,
+            0.0,
+        );
         let down = (ankle - hip).normalize_or(DVec3::NEG_Y);
         let front = (DVec3::Z - down * down.z).normalize_or(DVec3::Z);
         let leg_axes = DMat3::from_cols(front.cross(down), down, front);
@@ -97,7 +102,7 @@ impl Frame {
         let elbow = shoulder + along * (UPPER_ARM_OVER_ACROMION_RADIALE * d.upper_arm_length);
         let wrist = elbow + forearm * d.forearm_length;
 
-        let tragion = at(0.0, stature_mm - d.crown_to_tragion, 7.0);
+        let tragion = at(0.0, stature_mm - d.crown_to_tragion, by_sex(3.0, 11.0));
         Self {
             mille,
             plumb_z,
@@ -108,7 +113,7 @@ impl Frame {
             elbow,
             wrist,
             tragion,
-            nape: at(0.0, d.nape_height - 5.0 * mille, -14.0),
+            nape: at(0.0, d.nape_height - 5.0 * mille, -10.0),
             skull_base: at(0.0, tragion.y - 10.0 * mille, 4.0),
             leg_axes,
             upper_arm_axes,

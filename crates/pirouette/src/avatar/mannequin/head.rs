@@ -25,7 +25,7 @@ const FEMALE: [Row; 9] = [
     [1.30, 0.80, 0.99, 0.50, 0.0],
     [1.46, 0.70, 0.99, 0.20, -0.05],
     [1.60, 0.58, 0.98, -0.05, -0.05],
-    [1.72, 0.44, 0.92, -0.25, 0.0],
+    [1.69, 0.44, 0.92, -0.25, 0.0],
 ];
 
 const MALE: [Row; 9] = [
@@ -37,7 +37,7 @@ const MALE: [Row; 9] = [
     [1.30, 0.85, 1.01, 0.50, 0.1],
     [1.46, 0.78, 1.01, 0.20, 0.05],
     [1.60, 0.66, 1.01, -0.05, 0.05],
-    [1.72, 0.50, 0.96, -0.25, 0.1],
+    [1.70, 0.50, 0.96, -0.25, 0.1],
 ];
 
 /// Adds neck, skull, jaw, nose and ears
@@ -75,7 +75,7 @@ pub(super) fn add_head(field: &mut Field, a: &Anatomy) {
         })
         .collect();
     let cap = keys[0].0;
-    let tube = Tube::new(origin, axes, &keys, [cap, 0.12 * drop]);
+    let tube = Tube::new(origin, axes, &keys, [cap, 0.08 * drop]);
     field.add(Region::Head, Shape::Tube(tube), 0.14 * drop);
 
     let face = |depth: f64, ahead: f64, x: f64| {
@@ -112,7 +112,7 @@ pub(super) fn add_head(field: &mut Field, a: &Anatomy) {
     );
     field.add(Region::Head, lips, 7.0);
     let chin = Shape::ellipsoid(
-        face(1.68, 0.84, 0.0),
+        face(1.64, 0.85, 0.0),
         DVec3::new(a.by_sex(0.20, 0.26), 0.16, 0.16) * half_length,
     );
     field.add(Region::Head, chin, 14.0);
@@ -129,8 +129,12 @@ pub(super) fn add_head(field: &mut Field, a: &Anatomy) {
 pub(super) fn neck_axis(a: &Anatomy) -> [DVec3; 2] {
     let (m, frame) = (a.frame.mille, a.frame);
     [
-        DVec3::new(0.0, frame.nape.y - 25.0 * m, frame.plumb_z - 16.0 * m),
-        DVec3::new(0.0, frame.tragion.y - 4.0 * m, frame.plumb_z + 3.0 * m),
+        DVec3::new(0.0, frame.nape.y - 25.0 * m, frame.plumb_z - 9.0 * m),
+        DVec3::new(
+            0.0,
+            frame.tragion.y - 4.0 * m,
+            frame.plumb_z + a.by_sex(4.0, 12.0) * m,
+        ),
     ]
 }
 

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 
 use super::field::{Curve, Field, Region, Section, Shape, Tube};
 use super::shape::Anatomy;
@@ -15,21 +15,21 @@ type LegRow = [f64; 7];
 
 /// The leg of an average adult; women and men differ by their girths
 const LEG: [LegRow; 15] = [
-    [520.0, 0.95, 0.80, 0.95, 0.95, 0.0, 4.0],
-    [490.0, 1.00, 0.92, 1.00, 1.05, -3.0, 6.0],
-    [455.0, 0.99, 0.98, 1.02, 1.06, -5.0, 6.0],
-    [420.0, 0.97, 0.97, 1.04, 1.02, -6.0, 8.0],
-    [385.0, 0.97, 0.97, 1.05, 1.00, -6.0, 9.0],
-    [350.0, 0.98, 0.98, 1.04, 0.98, -6.0, 8.0],
-    [315.0, 1.00, 1.00, 1.02, 1.00, -4.0, 6.0],
-    [280.0, 0.98, 1.00, 1.02, 0.98, -1.0, 2.0],
-    [255.0, 0.99, 0.99, 0.98, 0.98, 2.0, -5.0],
-    [215.0, 1.00, 1.00, 0.98, 1.02, 4.5, -10.0],
-    [175.0, 0.98, 0.98, 0.98, 1.02, 4.0, -11.0],
-    [140.0, 0.97, 0.97, 1.00, 1.00, 3.0, -10.0],
-    [105.0, 0.90, 0.90, 1.05, 1.08, 2.0, -7.0],
-    [75.0, 0.86, 0.86, 1.06, 1.12, 1.0, -5.0],
-    [45.0, 0.92, 0.92, 1.06, 1.12, 0.0, -5.0],
+    [520.0, 0.95, 0.80, 0.95, 0.95, 0.0, 10.0],
+    [490.0, 1.00, 0.92, 1.00, 1.05, -1.0, 13.0],
+    [455.0, 0.99, 0.98, 1.02, 1.06, -1.5, 15.0],
+    [420.0, 0.97, 0.97, 1.04, 1.02, -1.5, 17.0],
+    [385.0, 0.97, 0.97, 1.05, 1.00, -2.0, 17.5],
+    [350.0, 0.98, 0.98, 1.04, 0.98, -2.0, 17.0],
+    [315.0, 1.00, 1.00, 1.02, 1.00, -1.0, 14.5],
+    [280.0, 0.98, 1.00, 1.05, 0.98, 3.0, 8.0],
+    [255.0, 0.99, 0.99, 1.00, 0.98, 6.0, -0.5],
+    [215.0, 1.00, 1.00, 0.98, 1.02, 7.5, -6.0],
+    [175.0, 0.98, 0.98, 0.98, 1.02, 6.5, -7.5],
+    [140.0, 0.97, 0.97, 1.00, 1.00, 5.5, -7.0],
+    [105.0, 0.90, 0.90, 1.05, 1.08, 5.0, -6.0],
+    [75.0, 0.86, 0.86, 1.06, 1.12, 3.5, -5.0],
+    [45.0, 0.92, 0.92, 1.06, 1.12, 2.0, -5.0],
 ];
 
 /// Girth of the leg along its height in per mille, as a blend of the four tapes: thigh, knee, calf, ankle
@@ -83,9 +83,11 @@ pub(super) fn add_leg(field: &mut Field, a: &Anatomy) {
             let girth: f64 = tapes.iter().zip(&blend[1..]).map(|(g, b)| g * b).sum();
             // Up in the hips the leg is part of the hip girth.
             let in_hip = ((row[0] - 470.0) / 40.0).clamp(0.0, 1.0);
+            // Women's thighs and calves lie a little more to the front over the ankle.
+            let bow = a.by_sex(4.0, -4.0) * ((row[0] - 75.0) / 100.0).clamp(0.0, 1.0);
             let radius = girth / TAU * a.scales.hip.powf(in_hip);
             let section = Section {
-                center: DVec2::new(row[5], row[6]) * m,
+                center: DVec2::new(row[5], row[6] + bow) * m,
                 outer: row[1] * radius,
                 inner: row[2] * radius,
                 front: row[3] * radius,
@@ -101,21 +103,8 @@ pub(super) fn add_leg(field: &mut Field, a: &Anatomy) {
             ((frame.hip.y - y) / cosine, section)
         })
         .collect();
-    let tube = Tube::new(frame.hip, frame.leg_axes, &keys, [20.0 * m, 10.0 * m]);
-    field.add_pair(Region::Leg, Shape::Tube(tube), 20.0 * m, 8.0 * m);
-    // Kneecap
-    let kneecap = frame.knee + frame.leg_axes * DVec3::new(-1.0, 0.0, 18.0) * m;
-    let size = d.lower_thigh_girth * a.scales.knee / TAU;
-    field.add_pair(
-        Region::Leg,
-        Shape::Ellipsoid {
-            center: kneecap,
-            axes: frame.leg_axes,
-            radii: DVec3::new(0.55, 0.7, 0.5) * size,
-        },
-        10.0 * m,
-        1.0,
-    );
+    let tube = Tube::new(frame.hip, frame.leg_axes, &keys, [40.0 * m, 10.0 * m]);
+    field.add_pair(Region::Leg, Shape::Tube(tube), 28.0 * m, 14.0 * m);
 }
 
 /// One row of an arm's table: station as a share of the bone, radii to the upper side, under side, front (thumb side) and
@@ -123,9 +112,9 @@ pub(super) fn add_leg(field: &mut Field, a: &Anatomy) {
 type ArmRow = [f64; 7];
 
 const UPPER_ARM: [ArmRow; 7] = [
-    [-0.04, 1.10, 1.00, 1.12, 1.12, 0.02, 0.0],
-    [0.12, 1.16, 1.10, 1.18, 1.16, 0.0, 0.0],
-    [0.28, 1.13, 1.06, 1.13, 1.10, 0.0, 0.0],
+    [-0.04, 1.16, 1.00, 1.14, 1.14, 0.04, 0.0],
+    [0.12, 1.22, 1.10, 1.20, 1.18, 0.04, 0.0],
+    [0.28, 1.15, 1.06, 1.14, 1.11, 0.02, 0.0],
     [0.50, 0.99, 0.99, 1.03, 0.99, 0.0, 0.02],
     [0.75, 0.92, 0.92, 0.96, 0.94, 0.0, 0.02],
     [0.93, 0.90, 0.90, 0.84, 0.86, 0.0, 0.0],
@@ -179,7 +168,7 @@ pub(super) fn add_arm(field: &mut Field, a: &Anatomy) {
         &keys,
         [0.95 * radius, 0.5 * radius],
     );
-    field.add_pair(Region::Arm, Shape::Tube(tube), 14.0 * m, 1.0);
+    field.add_pair(Region::Arm, Shape::Tube(tube), 10.0 * m, 1.0);
 
     let tapes = [
         d.forearm_girth() * a.scales.forearm,

@@ -201,6 +201,9 @@ fn scale(avatar: &mut Avatar, factor: f64) {
     }
 }
 
+/// Grids tried before giving up; one in a few hundred bodies needs the second
+const GRID_ATTEMPTS: usize = 4;
+
 /// The implicit body with the dimensions that it follows
 struct Body {
     dimensions: Proportions,
@@ -218,7 +221,12 @@ impl Body {
         let bmi = bmi.clamp(REGRESSION_BMI[0], REGRESSION_BMI[1]);
         let dimensions = Proportions::regressed(checked.sex, stature_mm, mass(bmi));
         let lean = Proportions::regressed(checked.sex, stature_mm, mass(LEAN_BMI));
-        let frame = Frame::new(&dimensions, stature_mm, checked.arms);
+        let frame = Frame::new(
+            &dimensions,
+            checked.sex.maleness(),
+            stature_mm,
+            checked.arms,
+        );
         let unscaled = Anatomy {
             maleness: checked.sex.maleness(),
             dimensions: &dimensions,
@@ -238,12 +246,19 @@ impl Body {
         }
     }
 
+    /// The closed surface; the grid is moved a little when the first one meets the surface badly
     fn surface(&self) -> Option<TriMesh> {
-        extract(&self.field, &self.grid_planes(), self.frame.tragion)
+        (0..GRID_ATTEMPTS).find_map(|attempt| {
+            let planes = self.grid_planes(attempt as f64 / GRID_ATTEMPTS as f64);
+            let mesh = extract(&self.field, &planes, self.frame.tragion)?.largest_component();
+            mesh.check().is_ok().then_some(mesh)
+        })
     }
 
-    /// Grid planes: about 12 mm apart on trunk and limbs, closer on head, hands and feet
-    fn grid_planes(&self) -> GridPlanes {
+    /// Grid planes: about 15 mm apart on trunk and limbs, closer on head, hands and feet
+    ///
+    /// `shift` moves them by a share of their distance.
+    fn grid_planes(&self, shift: f64) -> GridPlanes {
         let m = self.frame.mille;
         let (lo, hi) = self.field.bounds();
         let planes = |from: f64, to: f64, spacing: &dyn Fn(f64) -> f64| -> Vec<f64> {
@@ -256,7 +271,7 @@ impl Body {
             planes
         };
         let wrist = self.frame.wrist.x - 22.0 * m;
-        let half = planes(2.7 * m, hi.x, &|x| {
+        let half = planes((2.7 + 0.5 * shift) * m, hi.x, &|x| {
             if x > wrist {
                 4.2 * m
             } else if x < 27.0 * m {
@@ -269,7 +284,7 @@ impl Body {
         let chin = self.frame.tragion.y - 70.0 * m;
         GridPlanes {
             x: x.collect(),
-            y: planes(lo.y.min(-20.0 * m), hi.y, &|y| {
+            y: planes(lo.y.min(-20.0 * m) - 4.6 * shift * m, hi.y, &|y| {
                 if y < 45.0 * m {
                     4.6 * m
                 } else if y > chin {
@@ -278,7 +293,7 @@ impl Body {
                     9.0 * m
                 }
             }),
-            z: planes(lo.z, hi.z, &|_| 7.6 * m),
+            z: planes(lo.z - 7.6 * shift * m, hi.z, &|_| 7.6 * m),
         }
     }
 

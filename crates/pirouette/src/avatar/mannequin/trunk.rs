@@ -10,40 +10,40 @@ type Row = [f64; 4];
 
 /// Rib cage, belly and pelvis of an average woman without breasts and seat
 const FEMALE: [Row; 15] = [
-    [500.0, 90.0, 48.0, 56.0],
-    [512.0, 95.0, 56.0, 60.0],
-    [550.0, 99.0, 66.0, 60.0],
-    [575.0, 95.0, 71.0, 50.0],
-    [602.0, 86.0, 72.0, 41.0],
-    [630.0, 78.0, 71.0, 35.0],
-    [650.0, 74.5, 70.0, 35.0],
-    [675.0, 76.0, 67.0, 38.0],
-    [700.0, 79.0, 63.0, 43.0],
-    [725.0, 84.0, 60.0, 50.0],
-    [750.0, 88.0, 53.0, 57.0],
-    [775.0, 90.0, 43.0, 60.0],
-    [800.0, 80.0, 32.0, 58.0],
-    [820.0, 56.0, 24.0, 51.0],
-    [850.0, 34.0, 10.0, 40.0],
+    [500.0, 66.0, 50.0, 56.0],
+    [515.0, 82.0, 61.0, 60.0],
+    [545.0, 98.0, 71.0, 62.0],
+    [575.0, 97.0, 74.0, 52.0],
+    [602.0, 88.0, 73.0, 42.0],
+    [630.0, 79.0, 71.0, 36.0],
+    [650.0, 75.0, 70.0, 37.0],
+    [675.0, 77.0, 67.0, 41.0],
+    [700.0, 81.0, 63.0, 47.0],
+    [725.0, 86.0, 60.0, 54.0],
+    [750.0, 90.0, 54.0, 61.0],
+    [775.0, 91.0, 46.0, 63.0],
+    [800.0, 80.0, 34.0, 60.0],
+    [820.0, 56.0, 25.0, 52.0],
+    [850.0, 34.0, 12.0, 38.0],
 ];
 
 /// The same of an average man
 const MALE: [Row; 15] = [
-    [500.0, 86.0, 50.0, 54.0],
-    [512.0, 92.0, 58.0, 57.0],
-    [550.0, 92.0, 66.0, 57.0],
-    [575.0, 87.0, 68.0, 52.0],
-    [602.0, 83.0, 70.0, 45.0],
-    [630.0, 82.0, 69.0, 43.0],
-    [650.0, 82.0, 69.0, 44.0],
-    [675.0, 84.0, 70.0, 47.0],
-    [700.0, 87.0, 71.0, 52.0],
-    [725.0, 92.0, 70.0, 56.0],
-    [750.0, 96.0, 65.0, 59.0],
-    [775.0, 97.0, 55.0, 60.0],
-    [800.0, 86.0, 40.0, 58.0],
-    [820.0, 60.0, 29.0, 53.0],
-    [850.0, 36.0, 15.0, 42.0],
+    [500.0, 64.0, 52.0, 54.0],
+    [515.0, 80.0, 63.0, 58.0],
+    [545.0, 92.0, 71.0, 58.0],
+    [575.0, 91.0, 72.0, 54.0],
+    [602.0, 86.0, 71.0, 47.0],
+    [630.0, 84.0, 69.0, 44.0],
+    [650.0, 83.5, 69.0, 45.0],
+    [675.0, 86.0, 70.0, 48.0],
+    [700.0, 90.0, 71.0, 54.0],
+    [725.0, 95.0, 70.0, 58.0],
+    [750.0, 99.0, 66.0, 61.0],
+    [775.0, 99.0, 57.0, 62.0],
+    [800.0, 87.0, 43.0, 59.0],
+    [820.0, 60.0, 32.0, 53.0],
+    [850.0, 36.0, 18.0, 40.0],
 ];
 
 /// Heights of the tables' landmarks, in per mille: crotch, seat, waist, tenth rib, chest, armpit, acromion, nape
@@ -145,7 +145,7 @@ fn add_seat(field: &mut Field, a: &Anatomy) {
     let (m, d) = (a.frame.mille, a.dimensions);
     let growth = a.scales.hip * d.buttock_depth / a.lean.buttock_depth;
     let radii = DVec3::new(a.by_sex(46.0, 43.0), a.by_sex(50.0, 46.0), 40.0) * m * growth.sqrt();
-    let back = a.by_sex(79.0, 68.0) * m * growth.sqrt();
+    let back = a.by_sex(86.0, 74.0) * m * growth.sqrt();
     let center = DVec3::new(
         a.by_sex(42.0, 40.0) * m * growth.sqrt(),
         d.buttock_height + 5.0 * m,
@@ -165,33 +165,40 @@ fn add_chest(field: &mut Field, a: &Anatomy, growth: f64) {
     // Breasts shrink to nothing on the way from female to male, chest muscles to the reverse.
     let bust = 1.0 - a.maleness;
     if bust > 0.0 {
-        let radii = DVec3::new(36.0, 37.0, 34.0) * size * (0.62 + 0.38 * bust);
-        let front = a.by_sex(87.0, 72.0) * size;
+        let radii = DVec3::new(36.0, 35.0, 34.0) * size * (0.62 + 0.38 * bust);
+        let front = a.by_sex(86.0, 69.0) * size;
         let center = DVec3::new(
             50.0 * size,
-            d.chest_height + 1.0 * m,
+            d.chest_height - 1.0 * m,
             a.frame.plumb_z + front - radii.z,
         );
+        // A breast hangs: from above it rises slowly out of the chest.
+        let upper = Shape::Cone {
+            from: center + DVec3::new(-4.0, 34.0, -20.0) * size,
+            to: center,
+            radii: [20.0 * size, 0.82 * radii.z],
+        };
+        field.add_pair(Region::Trunk, upper, 30.0 * m, 14.0 * m);
         field.add_pair(
             Region::Trunk,
             Shape::ellipsoid(center, radii),
-            22.0 * m,
+            18.0 * m,
             6.0 * m,
         );
     }
     if a.maleness > 0.0 {
-        let radii = DVec3::new(50.0, 36.0, 22.0 * a.maleness.sqrt()) * size;
-        let front = (70.0 + 6.0 * a.maleness) * size;
+        let radii = DVec3::new(54.0, 40.0, 24.0 * a.maleness.sqrt()) * size;
+        let front = (64.0 + 5.0 * a.maleness) * size;
         let center = DVec3::new(
-            46.0 * size,
-            d.chest_height + 14.0 * m,
+            44.0 * size,
+            d.chest_height + 16.0 * m,
             a.frame.plumb_z + front - radii.z,
         );
         field.add_pair(
             Region::Trunk,
             Shape::ellipsoid(center, radii),
-            22.0 * m,
-            8.0 * m,
+            34.0 * m,
+            14.0 * m,
         );
     }
 }
@@ -215,20 +222,34 @@ fn add_girdle(field: &mut Field, a: &Anatomy) {
         square_back: 0.0,
     };
     let keys = [
-        (0.0, section(4.0, 22.0, 30.0, 36.0, 44.0)),
-        (0.45 * joint.x, section(3.0, 23.0, 30.0, 36.0, 44.0)),
-        (0.8 * joint.x, section(1.0, 23.0, 28.0, 32.0, 38.0)),
+        (0.0, section(4.0, 22.0, 30.0, 36.0, 38.0)),
+        (0.45 * joint.x, section(4.0, 24.0, 30.0, 36.0, 38.0)),
+        (0.8 * joint.x, section(3.0, 24.0, 28.0, 32.0, 35.0)),
         (joint.x, section(0.0, 22.0, 24.0, 26.0, 28.0)),
     ];
     let tube = Tube::new(origin, axes, &keys, [10.0 * m, 20.0 * m]);
-    field.add(Region::Trunk, Shape::Tube(tube), 26.0 * m);
+    field.add(Region::Trunk, Shape::Tube(tube), 42.0 * m);
 
-    let neck = DVec3::new(18.0 * m, frame.nape.y + 12.0 * m, frame.plumb_z - 18.0 * m);
-    let acromion = DVec3::new(joint.x - 14.0 * m, joint.y + 8.0 * m, joint.z - 8.0 * m);
+    // The broad muscle of the back, from the ribs up to the arm: the rear fold of the armpit.
+    let ribs = DVec3::new(
+        a.by_sex(66.0, 72.0) * m,
+        a.dimensions.chest_height - 20.0 * m,
+        frame.plumb_z - 22.0 * m,
+    );
+    let insertion = frame.shoulder + frame.upper_arm_axes * DVec3::new(-12.0, 24.0, -8.0) * m;
+    let latissimus = Shape::Cone {
+        from: ribs,
+        to: insertion,
+        radii: [15.0 * m * thick, 8.0 * m * thick],
+    };
+    field.add_pair(Region::Trunk, latissimus, 34.0 * m, 1.0);
+
+    let neck = DVec3::new(18.0 * m, frame.nape.y - 4.0 * m, frame.plumb_z - 14.0 * m);
+    let acromion = DVec3::new(joint.x - 10.0 * m, joint.y + 9.0 * m, joint.z - 7.0 * m);
     let trapezius = Shape::Cone {
         from: neck,
         to: acromion,
-        radii: [16.0 * m * thick, 13.0 * m * thick],
+        radii: [12.0 * m * thick, 13.0 * m * thick],
     };
     field.add_pair(Region::Trunk, trapezius, 26.0 * m, 10.0 * m);
 }
