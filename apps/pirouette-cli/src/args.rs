@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use pirouette::io::mesh::MeshFormat;
 
 /// From photos of a turning person to silhouettes, a 3D body and tape measurements
 #[derive(Debug, Parser)]
@@ -13,7 +14,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
     propagate_version = true,
     after_help = "\
 Examples:
-  pirouette segment photos/anna -o anna  silhouettes of a scan folder
+  pirouette scan photos/anna -o anna  silhouettes, body and measurements of a scan folder
+  pirouette scan --help               what a scan folder looks like
 
 Exit codes: 0 done, 1 failed, 2 wrong usage."
 )]
@@ -38,9 +40,21 @@ pub struct Cli {
 /// What to do
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Scan a folder of photos: segment, normalize, carve
+    #[command(after_help = SCAN_HELP)]
+    Scan(ScanArgs),
     /// Only find the silhouettes; works with a single photo too
     #[command(after_help = SEGMENT_HELP)]
     Segment(ScanArgs),
+    /// Find the silhouettes and bring them to the reference pose
+    #[command(after_help = NORMALIZE_HELP)]
+    Normalize(ScanArgs),
+    /// Find silhouettes, bring them to the reference pose and carve the body
+    #[command(after_help = RECONSTRUCT_HELP)]
+    Reconstruct(ScanArgs),
+    /// Write the reference figure: a PNG silhouette or a mesh
+    #[command(after_help = AVATAR_HELP)]
+    Avatar(AvatarArgs),
     /// Deform a planar mesh as rigidly as possible
     #[command(after_help = ARAP_HELP)]
     Arap(ArapArgs),
@@ -65,6 +79,15 @@ pub struct ScanArgs {
 
     #[command(flatten)]
     pub method: MethodArgs,
+
+    /// Formats of the body
+    #[arg(
+        long,
+        value_name = "FORMATS",
+        value_delimiter = ',',
+        default_value = "ply"
+    )]
+    pub format: Vec<Format>,
 }
 
 /// How the job is done
@@ -95,6 +118,47 @@ pub struct MethodArgs {
     pub no_refine: bool,
 }
 
+/// Arguments of `avatar`
+#[derive(Debug, Args)]
+pub struct AvatarArgs {
+    /// The reference pose
+    #[arg(long, value_enum, default_value_t = Pose::A)]
+    pub pose: Pose,
+
+    /// How far it has turned to its own left, in degrees; for pictures
+    #[arg(
+        long,
+        value_name = "DEG",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    pub angle: f64,
+
+    /// Between the two without it
+    #[arg(long, value_enum)]
+    pub sex: Option<Sex>,
+
+    /// Height, in mm
+    #[arg(long, value_name = "MM")]
+    pub stature: Option<f64>,
+
+    /// Body mass, in kg [default: usual for the height]
+    #[arg(long, value_name = "KG")]
+    pub mass: Option<f64>,
+
+    /// Skinned glTF or VRM figure to use instead of the built-in one
+    #[arg(long, value_name = "FILE.glb|.vrm", conflicts_with_all = ["sex", "mass"])]
+    pub avatar: Option<PathBuf>,
+
+    /// Draw a shaded picture instead of the silhouette; for .png
+    #[arg(long)]
+    pub shaded: bool,
+
+    /// Output; the ending says what: .png a picture, .glb .ply .obj .stl .off a mesh
+    #[arg(short, long, value_name = "FILE", default_value = "avatar.png")]
+    pub out: PathBuf,
+}
+
 /// Arguments of `arap`
 #[derive(Debug, Args)]
 pub struct ArapArgs {
@@ -121,12 +185,82 @@ pub enum Method {
     ThreeStep,
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Pose {
+    A,
+    T,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Sex {
+    Female,
+    Male,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    Ply,
+    Glb,
+    Obj,
+    Stl,
+    Off,
+}
+
+impl Format {
+    /// The library's format
+    pub fn of_mesh(self) -> MeshFormat {
+        match self {
+            Format::Ply => MeshFormat::Ply,
+            Format::Glb => MeshFormat::Glb,
+            Format::Obj => MeshFormat::Obj,
+            Format::Stl => MeshFormat::Stl,
+            Format::Off => MeshFormat::Off,
+        }
+    }
+}
+
+const SCAN_HELP: &str = "\
+A scan folder holds photos of a person who turns to the left in even steps before a camera that does not
+move, and beside each photo its keypoints (OpenPose JSON, BODY_25):
+  000.jpg 000_keypoints.json 001.jpg 001_keypoints.json ...
+An optional scan.json tells more; every key but `image` may be left out:
+  { \"pose\": \"a\", \"subject\": { \"stature_mm\": 1748 },
+    \"camera\": { \"vertical_fov_deg\": 50.1, \"height_mm\": 890, \"distance_mm\": 2400, \"pitch_deg\": 0 },
+    \"views\": [ { \"image\": \"000.jpg\", \"keypoints\": \"000_keypoints.json\", \"angle_deg\": 0,
+                 \"mask\": \"000_mask.png\" } ] }
+
+Examples:
+  pirouette scan photos/anna
+  pirouette scan photos/anna -o anna --format ply,glb
+  pirouette scan photos/anna --method three-step --no-refine
+  pirouette scan photos/anna --avatar me.vrm --json";
+
 const SEGMENT_HELP: &str = "\
 Writes result.json and, per view, mask.png, overlay.jpg and view.json.
 
 Examples:
   pirouette segment photos/anna -o anna
   pirouette segment one_photo -o out       a folder with one photo and its keypoints";
+
+const NORMALIZE_HELP: &str = "\
+Does what `segment` does, and writes normalized.png per view.
+
+Examples:
+  pirouette normalize photos/anna -o anna
+  pirouette normalize photos/anna --method three-step --no-register --no-refine";
+
+const RECONSTRUCT_HELP: &str = "\
+Does what `normalize` does, and writes the body.
+
+Examples:
+  pirouette reconstruct photos/anna -o anna --format obj,stl";
+
+const AVATAR_HELP: &str = "\
+Examples:
+  pirouette avatar -o silhouette.png
+  pirouette avatar --sex female --stature 1650 --mass 62 -o woman.glb
+  pirouette avatar --pose t --angle 45 --shaded -o t45.png
+  pirouette avatar --avatar me.vrm --pose a -o me.ply";
 
 const ARAP_HELP: &str = "\
 Each source point takes the nearest vertex along to its target; the rest follows as rigidly as possible.
@@ -153,10 +287,10 @@ mod tests {
     #[test]
     fn the_last_of_two_opposite_switches_counts() {
         let parse = |args: &[&str]| {
-            let all = ["pirouette", "segment", "x"].iter().chain(args);
+            let all = ["pirouette", "scan", "x"].iter().chain(args);
             match Cli::try_parse_from(all).unwrap().command {
-                Command::Segment(args) => args.method,
-                _ => unreachable!("it was asked for"),
+                Command::Scan(args) => args.method,
+                _ => unreachable!("scan was asked for"),
             }
         };
         assert!(parse(&["--no-register", "--register"]).register);

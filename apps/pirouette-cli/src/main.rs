@@ -2,6 +2,7 @@
 
 mod arap_command;
 mod args;
+mod avatar_command;
 mod output;
 mod progress;
 mod scan_command;
@@ -40,7 +41,11 @@ fn run(cli: &Cli, output: Output) -> Result<()> {
     let cancel = cancel_on_interrupt()?;
     let scan = |args, goal| scan_command::run(args, goal, output, cli.quiet, &cancel);
     match &cli.command {
+        Command::Scan(args) => scan(args, Goal::Reconstruct),
         Command::Segment(args) => scan(args, Goal::Segment),
+        Command::Normalize(args) => scan(args, Goal::Normalize),
+        Command::Reconstruct(args) => scan(args, Goal::Reconstruct),
+        Command::Avatar(args) => avatar_command::run(args, output),
         Command::Arap(args) => arap_command::run(args, output),
         Command::Completions { shell } => {
             clap_complete::generate(

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use pirouette::io::mesh::MeshFormat;
 use pirouette::io::results::{result_value, write_results};
 use pirouette::io::scan_folder::{LoadOptions, LoadedScan, load_scan};
 use pirouette::pipeline::{self, AvatarSource, CancelToken, Config, Event, Goal, Report, Stage};
@@ -23,7 +24,8 @@ pub fn run(
 ) -> Result<()> {
     let progress = Progress::new(quiet);
     let config = config(&args.method, goal)?;
-    let done = scan_folder(&args.scan, &args.out, &config, &progress, cancel);
+    let formats: Vec<MeshFormat> = args.format.iter().map(|format| format.of_mesh()).collect();
+    let done = scan_folder(&args.scan, &args.out, &config, &formats, &progress, cancel);
     progress.finish();
     let done = done?;
     output.done(&done.summary(&args.out), || done.json(&args.out));
@@ -60,6 +62,7 @@ pub fn scan_folder(
     scan: &Path,
     out: &Path,
     config: &Config,
+    formats: &[MeshFormat],
     progress: &Progress,
     cancel: &CancelToken,
 ) -> Result<Done> {
@@ -88,7 +91,7 @@ pub fn scan_folder(
         progress.show(&event);
     })
     .with_context(|| scan.display().to_string())?;
-    write_results(out, &loaded, load_seconds, &report)?;
+    write_results(out, &loaded, load_seconds, &report, formats)?;
     Ok(Done {
         loaded,
         load_seconds,

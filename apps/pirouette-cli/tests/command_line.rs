@@ -4,7 +4,15 @@ mod common;
 
 use common::{Folders, pirouette, text};
 
-const COMMANDS: [&str; 3] = ["segment", "arap", "completions"];
+const COMMANDS: [&str; 7] = [
+    "scan",
+    "segment",
+    "normalize",
+    "reconstruct",
+    "avatar",
+    "arap",
+    "completions",
+];
 
 #[test]
 fn every_command_has_help_with_examples() {
@@ -21,9 +29,10 @@ fn every_command_has_help_with_examples() {
 fn wrong_usage_exits_with_2() {
     for args in [
         &["scam", "x"][..],
-        &["segment"],
-        &["segment", "x", "--method", "magic"],
-        &["segment", "x", "--jobs", "0"],
+        &["scan"],
+        &["scan", "x", "--format", "doc"],
+        &["scan", "x", "--method", "magic"],
+        &["scan", "x", "--jobs", "0"],
         &["arap"],
         &[],
     ] {
@@ -33,7 +42,7 @@ fn wrong_usage_exits_with_2() {
 
 #[test]
 fn failures_exit_with_1_and_one_line() {
-    let run = pirouette(&["segment", "nowhere", "--json"]).exits_with(1);
+    let run = pirouette(&["scan", "nowhere", "--json"]).exits_with(1);
     let error = run.stderr();
     assert_eq!(error.lines().count(), 1, "{error}");
     assert!(error.starts_with("error: "), "{error}");
@@ -124,4 +133,34 @@ fn arap_names_the_line_that_is_wrong() {
         "{error}"
     );
     assert!(!out.exists());
+}
+
+#[test]
+fn the_avatar_is_a_picture_or_a_mesh() {
+    let folders = Folders::empty();
+    for (file, start) in [
+        ("a.png", &b"\x89PNG"[..]),
+        ("a.glb", b"glTF"),
+        ("a.ply", b"ply\n"),
+        ("a.off", b"OFF\n"),
+    ] {
+        let out = folders.path(file);
+        pirouette(&[
+            "avatar",
+            "--sex",
+            "female",
+            "--stature",
+            "1650",
+            "-o",
+            text(&out),
+        ])
+        .exits_with(0);
+        assert!(std::fs::read(&out).unwrap().starts_with(start), "{file}");
+    }
+    let out = folders.path("a.doc");
+    let run = pirouette(&["avatar", "-o", text(&out)]).exits_with(1);
+    assert!(run.stderr().contains(".png"), "{}", run.stderr());
+    let out = folders.path("b.png");
+    let run = pirouette(&["avatar", "--stature", "17", "-o", text(&out)]).exits_with(1);
+    assert!(run.stderr().contains("17 mm"), "{}", run.stderr());
 }

@@ -3,3 +3,4 @@
 //! For `tests/` folders only: a unit test would link a second copy of its own crate's types.
 
 pub mod golden;
+pub mod people;

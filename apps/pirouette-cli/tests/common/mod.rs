@@ -5,7 +5,10 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Output;
+use std::sync::OnceLock;
 
+use pirouette::synthetic::SyntheticScan;
+use pirouette_testkit::people;
 use serde_json::Value;
 
 /// A scan folder and a place for results, both temporary
@@ -18,6 +21,15 @@ impl Folders {
         let temporary = tempfile::tempdir().unwrap();
         std::fs::create_dir(temporary.path().join("scan")).unwrap();
         Self { temporary }
+    }
+
+    /// With the first views of a rendered person in it
+    pub fn with_views(view_count: usize) -> Self {
+        let folders = Self::empty();
+        let mut person = person().clone();
+        person.scan.views.truncate(view_count);
+        people::write(&folders.scan(), &person);
+        folders
     }
 
     pub fn scan(&self) -> PathBuf {
@@ -55,6 +67,12 @@ impl Folders {
 
 pub fn text(path: &Path) -> &str {
     path.to_str().unwrap()
+}
+
+/// Four views of one rendered person, made once per test program
+pub fn person() -> &'static SyntheticScan {
+    static PERSON: OnceLock<SyntheticScan> = OnceLock::new();
+    PERSON.get_or_init(|| people::turning_woman(4))
 }
 
 /// A finished run of the command

@@ -14,8 +14,10 @@ use thiserror::Error;
 use crate::avatar::ReferencePose;
 use crate::bundle::{Bundle, Scale};
 use crate::io::atomic::{WriteError, make_folder, write_whole};
+use crate::io::mesh::MeshFormat;
 use crate::io::photo::{encode_mask, resample};
 use crate::io::scan_folder::LoadedScan;
+use crate::normalize::{JointPositions, LimbRefinement, Registration};
 use crate::pipeline::{Goal, Method, Report, ViewReport, Warning};
 use crate::scan::View;
 use crate::skeleton::{Bone, Joint};
@@ -36,7 +38,7 @@ pub enum ResultError {
     },
 }
 
-/// Writes all that a report holds into a result folder
+/// Writes all that a report holds into a result folder, the body in all given formats
 ///
 /// # Errors
 /// When the folder cannot be written; files that were written before stay, none is partial.
@@ -45,12 +47,20 @@ pub fn write_results(
     loaded: &LoadedScan,
     load_seconds: f64,
     report: &Report,
+    formats: &[MeshFormat],
 ) -> Result<(), ResultError> {
     make_folder(folder)?;
     report
         .views
         .par_iter()
         .try_for_each(|view| write_view(folder, loaded, report, view))?;
+    if let Some(body) = &report.body {
+        for format in formats {
+            let file = folder.join(format!("body.{}", format.extension()));
+            write_whole(&file, &format.write(body))?;
+        }
+    }
+    // Last, so that a result.json stands for a whole result.
     let result = result_value(loaded, load_seconds, report);
     write_json(&folder.join("result.json"), &result)
 }
@@ -67,6 +77,10 @@ fn write_view(
     let silhouette = &found.silhouette;
     let mask = in_input_size(view, &silhouette.mask, &silhouette.soft);
     write_mask(&folder.join("mask.png"), &mask)?;
+    if let Some(normalized) = &found.normalized {
+        let mask = in_input_size(view, &normalized.mask, &normalized.soft);
+        write_mask(&folder.join("normalized.png"), &mask)?;
+    }
     let value = view_value(view, report.bundle.as_ref(), found);
     write_json(&folder.join("view.json"), &value)
 }
@@ -166,7 +180,6 @@ pub fn goal_name(goal: Goal) -> &'static str {
         Goal::Segment => "segment",
         Goal::Normalize => "normalize",
         Goal::Reconstruct => "reconstruct",
-        Goal::Measure => "measure",
     }
 }
 
@@ -200,18 +213,13 @@ fn view_value(view: &View, bundle: Option<&Bundle>, found: &ViewReport) -> Value
         width as f64 / view.photo.width() as f64,
         height as f64 / view.photo.height() as f64,
     );
-    let mut detected = Map::new();
-    for joint in Joint::ALL {
-        if let Some(keypoint) = view.keypoints.found(joint) {
-            let p = keypoint.position * scale;
-            let entry = json!([
-                rounded(p.x, 2),
-                rounded(p.y, 2),
-                rounded(keypoint.confidence, 3)
-            ]);
-            detected.insert(joint.name().to_owned(), entry);
-        }
-    }
+    let detected = Joint::ALL.iter().filter_map(|&joint| {
+        let keypoint = view.keypoints.found(joint)?;
+        let p = keypoint.position * scale;
+        let confidence = rounded(keypoint.confidence, 3);
+        let entry = json!([rounded(p.x, 2), rounded(p.y, 2), confidence]);
+        Some((joint.name().to_owned(), entry))
+    });
     let mut value = json!({
         "name": view.name,
         "angle_deg": rounded(view.turn.degrees(), 3),
@@ -219,8 +227,28 @@ fn view_value(view: &View, bundle: Option<&Bundle>, found: &ViewReport) -> Value
         "height_px": height,
         "mask_given": view.mask.is_some(),
         "silhouette_from_avatar": found.silhouette.prior_used,
-        "joints_px": { "detected": detected },
+        "joints_px": { "detected": detected.collect::<Map<_, _>>() },
     });
+    if let Some(normalized) = &found.normalized {
+        let steps = [
+            ("aligned", &normalized.joints.aligned),
+            ("registered", &normalized.joints.registered),
+            ("refined", &normalized.joints.refined),
+        ];
+        for (step, joints) in steps {
+            value["joints_px"][step] = joints_value(joints, scale);
+        }
+        value["registration"] = normalized
+            .registration
+            .as_ref()
+            .map_or(Value::Null, |found| registration_value(found, scale));
+        let limbs = normalized
+            .limbs
+            .iter()
+            .map(|limb| (limb.limb.name().to_owned(), limb_value(limb, scale)));
+        value["limbs"] = Value::Object(limbs.collect());
+        value["reference_iou"] = rounded(normalized.reference_iou, 4);
+    }
     if let Some(pose) = bundle.and_then(|bundle| bundle.poses.get(found.index)) {
         let rotations = Bone::ALL
             .iter()
@@ -236,6 +264,38 @@ fn view_value(view: &View, bundle: Option<&Bundle>, found: &ViewReport) -> Value
         });
     }
     value
+}
+
+fn joints_value(joints: &JointPositions, scale: DVec2) -> Value {
+    let entries = Joint::ALL.iter().filter_map(|&joint| {
+        let p = joints[joint as usize]? * scale;
+        let entry = json!([rounded(p.x, 2), rounded(p.y, 2)]);
+        Some((joint.name().to_owned(), entry))
+    });
+    Value::Object(entries.collect())
+}
+
+/// The rigid motion onto the reference, and the mean distance of the contours before and after
+fn registration_value(found: &Registration, scale: DVec2) -> Value {
+    let shift = found.translation_px * scale;
+    let center = found.center * scale;
+    json!({
+        "rotation_deg": rounded(found.rotation_radians.to_degrees(), 3),
+        "center_px": [rounded(center.x, 2), rounded(center.y, 2)],
+        "translation_px": [rounded(shift.x, 2), rounded(shift.y, 2)],
+        "error_before_px": rounded(found.mean_distance_before_px * scale.y, 3),
+        "error_after_px": rounded(found.mean_distance_after_px * scale.y, 3),
+    })
+}
+
+/// The angles of a limb's chain, and the mean distance of its contour before and after
+fn limb_value(limb: &LimbRefinement, scale: DVec2) -> Value {
+    json!({
+        "upper_deg": rounded(limb.upper_radians.to_degrees(), 2),
+        "lower_deg": rounded(limb.lower_radians.to_degrees(), 2),
+        "error_before_px": rounded(limb.mean_distance_before_px * scale.y, 3),
+        "error_after_px": rounded(limb.mean_distance_after_px * scale.y, 3),
+    })
 }
 
 /// A number with so many digits after the point; what is not finite is null

@@ -4,23 +4,18 @@
 //! stage cannot use is dropped with a warning while enough are left. Photos are never copied.
 
 mod event;
+mod job;
 mod report;
 mod warning;
 
-use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
-
-use pirouette_geom::Grid;
-use rayon::prelude::*;
 use thiserror::Error;
 
-use crate::avatar::gltf::{LoadAvatarError, load_avatar};
-use crate::avatar::mannequin::{MannequinError, MannequinParameters, Sex, mannequin};
-use crate::avatar::{Avatar, render};
-use crate::bundle::{Bundle, BundleError, BundleOptions, BundleView, bundle};
-use crate::pose::pose_bones;
+use crate::avatar::gltf::LoadAvatarError;
+use crate::avatar::mannequin::{MannequinError, Sex};
+use crate::bundle::BundleError;
+use crate::carve::CarveError;
 use crate::scan::Scan;
-use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
+use job::Job;
 
 pub use event::{CancelToken, Event, Stage};
 pub use report::{DropReason, DroppedView, Report, ViewReport};
@@ -44,10 +39,8 @@ pub enum Goal {
     /// Silhouettes in the reference pose
     Normalize,
     /// The body
-    Reconstruct,
-    /// Its measurements
     #[default]
-    Measure,
+    Reconstruct,
 }
 
 impl Goal {
@@ -57,7 +50,7 @@ impl Goal {
     pub fn min_view_count(self) -> usize {
         match self {
             Goal::Segment | Goal::Normalize => 1,
-            Goal::Reconstruct | Goal::Measure => 3,
+            Goal::Reconstruct => 3,
         }
     }
 }
@@ -141,6 +134,9 @@ pub enum PipelineError {
     /// No skeleton
     #[error("no skeleton fits the keypoints")]
     Bundle(#[from] BundleError),
+    /// No body
+    #[error("no body can be carved")]
+    Carve(#[from] CarveError),
     /// Asked to stop
     #[error("cancelled")]
     Cancelled,
@@ -158,249 +154,37 @@ pub fn run(
     cancel: &CancelToken,
     tell: &mut (dyn FnMut(Event) + Send),
 ) -> Result<Report, PipelineError> {
-    let mut job = Job {
-        scan,
-        config,
-        cancel,
-        tell,
-        dropped: Vec::new(),
-        warnings: Vec::new(),
-        seconds: Vec::new(),
-    };
+    let mut job = Job::new(scan, config, cancel, tell);
     job.check_left(scan.views.len())?;
     let avatar = job.make_avatar()?;
     let bundle = job.find_skeleton(&avatar)?;
     let priors = job.render_priors(bundle.as_ref())?;
-    let views = job.segment(&priors)?;
+    let mut views = job.segment(&priors)?;
+    drop(priors);
+    let mut body = None;
+    if let Some(bundle) = &bundle
+        && config.goal >= Goal::Normalize
+    {
+        views = job.normalize(&avatar, bundle, views)?;
+        if config.goal >= Goal::Reconstruct {
+            body = Some(job.carve(bundle, &views)?);
+        }
+    }
+    let Job {
+        dropped,
+        warnings,
+        seconds,
+        ..
+    } = job;
     Ok(Report {
         method: config.method,
         goal: config.goal,
         avatar,
         bundle,
         views,
-        dropped: job.dropped,
-        warnings: job.warnings,
-        seconds: job.seconds,
+        body,
+        dropped,
+        warnings,
+        seconds,
     })
-}
-
-/// A running job
-struct Job<'a> {
-    scan: &'a Scan,
-    config: &'a Config,
-    cancel: &'a CancelToken,
-    tell: &'a mut (dyn FnMut(Event) + Send),
-    dropped: Vec<DroppedView>,
-    warnings: Vec<Warning>,
-    seconds: Vec<(Stage, f64)>,
-}
-
-/// Counts the steps of a stage, from any thread
-struct Steps<'a> {
-    stage: Stage,
-    tell: Mutex<&'a mut (dyn FnMut(Event) + Send)>,
-}
-
-impl Steps<'_> {
-    fn done(&self) {
-        let mut tell = self.tell.lock().unwrap_or_else(PoisonError::into_inner);
-        tell(Event::StepDone { stage: self.stage });
-    }
-}
-
-impl Job<'_> {
-    /// Runs one stage: told, timed, and not begun or not believed once the job was cancelled
-    fn stage<T>(
-        &mut self,
-        stage: Stage,
-        step_count: usize,
-        work: impl FnOnce(&Steps) -> T,
-    ) -> Result<T, PipelineError> {
-        if self.cancel.cancelled() {
-            return Err(PipelineError::Cancelled);
-        }
-        (self.tell)(Event::StageStarted { stage, step_count });
-        let start = Instant::now();
-        let steps = Steps {
-            stage,
-            tell: Mutex::new(&mut *self.tell),
-        };
-        let result = work(&steps);
-        let seconds = start.elapsed().as_secs_f64();
-        if self.cancel.cancelled() {
-            return Err(PipelineError::Cancelled);
-        }
-        (self.tell)(Event::StageDone { stage, seconds });
-        self.seconds.push((stage, seconds));
-        Ok(result)
-    }
-
-    fn warn(&mut self, warning: Warning) {
-        (self.tell)(Event::Warning(warning.clone()));
-        self.warnings.push(warning);
-    }
-
-    fn drop_view(&mut self, index: usize, stage: Stage, reason: DropReason) {
-        self.warn(Warning::ViewDropped {
-            view: self.scan.views[index].name.clone(),
-            stage,
-            reason: reason.clone(),
-        });
-        self.dropped.push(DroppedView {
-            index,
-            stage,
-            reason,
-        });
-    }
-
-    fn check_left(&self, left: usize) -> Result<(), PipelineError> {
-        let needed = self.config.goal.min_view_count();
-        if left < needed {
-            return Err(PipelineError::TooFewViews { left, needed });
-        }
-        Ok(())
-    }
-
-    /// Whether all photos can come from one camera
-    fn one_shape(&self) -> bool {
-        let mut shapes = self.scan.views.iter().map(|view| {
-            let (width, height) = (view.photo.width(), view.photo.height());
-            width as f64 / height as f64
-        });
-        let first = shapes.next();
-        first.is_none_or(|first| shapes.all(|shape| (shape / first - 1.0).abs() < 0.02))
-    }
-
-    fn make_avatar(&mut self) -> Result<Avatar, PipelineError> {
-        let (scan, source) = (self.scan, &self.config.avatar);
-        self.stage(Stage::Avatar, 1, |_| match source {
-            AvatarSource::Mannequin { sex, mass_kg } => Ok(mannequin(&MannequinParameters {
-                sex: *sex,
-                stature_mm: scan.stature_mm,
-                mass_kg: *mass_kg,
-                pose: scan.pose,
-                ..MannequinParameters::default()
-            })?),
-            AvatarSource::File { name, bytes } => {
-                let avatar =
-                    load_avatar(bytes, scan.pose).map_err(|source| PipelineError::Avatar {
-                        name: name.clone(),
-                        source,
-                    })?;
-                Ok(match scan.stature_mm {
-                    Some(stature_mm) => avatar.scaled_to(stature_mm),
-                    None => avatar,
-                })
-            }
-        })?
-    }
-
-    /// One skeleton for all views; silhouettes alone can do without
-    fn find_skeleton(&mut self, avatar: &Avatar) -> Result<Option<Bundle>, PipelineError> {
-        let scan = self.scan;
-        if self.config.goal == Goal::Segment && !self.one_shape() {
-            return Ok(None);
-        }
-        let found = self.stage(Stage::Bundle, 1, |_| {
-            let views: Vec<BundleView> = scan
-                .views
-                .iter()
-                .map(|view| BundleView {
-                    turn: view.turn,
-                    keypoints: view.keypoints,
-                    width_px: view.photo.width(),
-                    height_px: view.photo.height(),
-                })
-                .collect();
-            let options = BundleOptions::default();
-            bundle(avatar, &views, &scan.camera, scan.stature_mm, &options)
-        })?;
-        let bundle = match found {
-            Ok(bundle) => bundle,
-            Err(error) if self.config.goal == Goal::Segment => {
-                self.warn(Warning::NoSkeleton(error));
-                return Ok(None);
-            }
-            Err(error) => return Err(error.into()),
-        };
-        let name = |index: usize| scan.views[index].name.clone();
-        for &warning in &bundle.warnings {
-            // Silhouettes have no size in mm.
-            if self.config.goal > Goal::Segment || !warning::is_about_scale(warning) {
-                self.warn(Warning::Bundle(warning));
-            }
-        }
-        for &(view, limb) in &bundle.swaps {
-            let view = name(view);
-            self.warn(Warning::SidesSwapped { view, limb });
-        }
-        for outlier in &bundle.outliers {
-            self.warn(Warning::Outlier {
-                view: name(outlier.view),
-                joint: outlier.joint,
-                residual_px: outlier.residual_px,
-            });
-        }
-        Ok(Some(bundle))
-    }
-
-    /// Where each photo shows the avatar with the person's bones in the person's pose
-    fn render_priors(
-        &mut self,
-        bundle: Option<&Bundle>,
-    ) -> Result<Vec<Option<Grid<f32>>>, PipelineError> {
-        let Some(bundle) = bundle else {
-            return Ok(self.scan.views.iter().map(|_| None).collect());
-        };
-        let view_count = self.scan.views.len();
-        self.stage(Stage::Prior, view_count, |steps| {
-            let avatar = &bundle.avatar;
-            let mesh = render::SilhouetteMesh::new(&avatar.mesh.triangles);
-            let render = |index: usize| {
-                let posed = pose_bones(
-                    &avatar.bone_heads,
-                    &bundle.poses[index],
-                    bundle.turns[index],
-                );
-                let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
-                let coverage = mesh.silhouette(&positions, &bundle.cameras[index]);
-                steps.done();
-                Some(coverage)
-            };
-            (0..view_count).into_par_iter().map(render).collect()
-        })
-    }
-
-    fn segment(&mut self, priors: &[Option<Grid<f32>>]) -> Result<Vec<ViewReport>, PipelineError> {
-        let (scan, cancel) = (self.scan, self.cancel);
-        let options = SegmentOptions {
-            // Photos of different cameras share neither colors nor background.
-            single: !self.one_shape(),
-            ..SegmentOptions::default()
-        };
-        let silhouettes: Vec<Result<Silhouette, SegmentError>> =
-            self.stage(Stage::Segment, 1, |_| {
-                let views: Vec<SegmentView> = scan
-                    .views
-                    .iter()
-                    .zip(priors)
-                    .map(|(view, prior)| SegmentView {
-                        photo: &view.photo,
-                        keypoints: &view.keypoints,
-                        prior: prior.as_ref(),
-                        mask: view.mask.as_ref(),
-                    })
-                    .collect();
-                segment(&views, &options, &|| cancel.cancelled())
-            })?;
-        let mut views = Vec::new();
-        for (index, silhouette) in silhouettes.into_iter().enumerate() {
-            match silhouette {
-                Ok(silhouette) => views.push(ViewReport { index, silhouette }),
-                Err(error) => self.drop_view(index, Stage::Segment, DropReason::Segment(error)),
-            }
-        }
-        self.check_left(views.len())?;
-        Ok(views)
-    }
 }

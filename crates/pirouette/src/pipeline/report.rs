@@ -1,9 +1,11 @@
 //! What a job found.
 
+use pirouette_geom::TriMesh;
 use thiserror::Error;
 
 use crate::avatar::Avatar;
 use crate::bundle::Bundle;
+use crate::normalize::{NormalizeError, NormalizedView};
 use crate::pipeline::{Goal, Method, Stage, Warning};
 use crate::segment::{SegmentError, Silhouette};
 
@@ -20,6 +22,8 @@ pub struct Report {
     pub bundle: Option<Bundle>,
     /// The views that went through, in the order of the scan
     pub views: Vec<ViewReport>,
+    /// The body in the reference pose, world frame, mm
+    pub body: Option<TriMesh>,
     /// The views that did not
     pub dropped: Vec<DroppedView>,
     /// What was decided without being asked
@@ -35,6 +39,8 @@ pub struct ViewReport {
     pub index: usize,
     /// The person in the photo
     pub silhouette: Silhouette,
+    /// The person in the reference pose
+    pub normalized: Option<NormalizedView>,
 }
 
 /// A view that a stage could not use
@@ -54,4 +60,7 @@ pub enum DropReason {
     /// No silhouette
     #[error("{0}")]
     Segment(SegmentError),
+    /// No silhouette in the reference pose
+    #[error("{0}")]
+    Normalize(NormalizeError),
 }

@@ -4,6 +4,7 @@ use thiserror::Error;
 
 use crate::bundle::{BundleError, BundleWarning, Limb};
 use crate::io::scan_folder::ScanWarning;
+use crate::normalize::NormalizeWarning;
 use crate::pipeline::{DropReason, Stage};
 use crate::skeleton::Joint;
 
@@ -31,6 +32,11 @@ pub enum Warning {
         joint: Joint,
         residual_px: f64,
     },
+    #[error("view {view}: {warning}")]
+    Normalize {
+        view: String,
+        warning: NormalizeWarning,
+    },
 }
 
 impl Warning {
@@ -40,7 +46,8 @@ impl Warning {
             Warning::Scan(warning) => warning.view(),
             Warning::ViewDropped { view, .. }
             | Warning::SidesSwapped { view, .. }
-            | Warning::Outlier { view, .. } => Some(view),
+            | Warning::Outlier { view, .. }
+            | Warning::Normalize { view, .. } => Some(view),
             Warning::NoSkeleton(_) | Warning::Bundle(_) => None,
         }
     }
@@ -62,6 +69,10 @@ impl Warning {
             },
             Warning::SidesSwapped { .. } => "sides_swapped",
             Warning::Outlier { .. } => "outlier",
+            Warning::Normalize { warning, .. } => match warning {
+                NormalizeWarning::NoHandles => "no_handles",
+                NormalizeWarning::FewHandles { .. } => "few_handles",
+            },
         }
     }
 }

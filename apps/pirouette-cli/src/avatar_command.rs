@@ -1,0 +1,112 @@
+//! `pirouette avatar`: the reference figure as a picture or a mesh.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use pirouette::avatar::mannequin::{self, MannequinParameters, mannequin};
+use pirouette::avatar::{Avatar, ReferencePose, gltf, render};
+use pirouette::geom::Mask;
+use pirouette::io::atomic::write_whole;
+use pirouette::io::mesh::MeshFormat;
+use pirouette::io::photo::{encode_mask, encode_photo_png};
+use pirouette::pose::{Pose, pose_bones};
+use pirouette::synthetic::SyntheticOptions;
+use pirouette::units::TurnAngle;
+use serde_json::json;
+
+use crate::args::{self, AvatarArgs};
+use crate::output::Output;
+
+/// Columns and rows of pictures
+const PICTURE_SIZE_PX: (usize, usize) = (800, 1000);
+
+/// Makes or reads the figure and writes it as the file's ending says
+pub fn run(args: &AvatarArgs, output: Output) -> Result<()> {
+    ensure!(args.angle.is_finite(), "--angle is no finite number");
+    let kind = Kind::of(&args.out)?;
+    let avatar = avatar(args)?;
+    let bytes = match kind {
+        Kind::Picture => picture(&avatar, TurnAngle::from_degrees(args.angle), args.shaded)?,
+        Kind::Mesh(format) => format.write(&avatar.mesh),
+    };
+    write_whole(&args.out, &bytes)?;
+    let (stature_mm, vertices) = (avatar.stature_mm(), avatar.mesh.positions.len());
+    output.done(
+        &format!(
+            "{}: {stature_mm:.0} mm tall, {vertices} vertices",
+            args.out.display()
+        ),
+        || json!({ "ok": true, "out": args.out, "stature_mm": stature_mm, "vertices": vertices }),
+    );
+    Ok(())
+}
+
+/// What a file holds, by its ending
+enum Kind {
+    Picture,
+    Mesh(MeshFormat),
+}
+
+impl Kind {
+    fn of(file: &Path) -> Result<Self> {
+        let ending = file.extension().unwrap_or_default().to_string_lossy();
+        if ending.eq_ignore_ascii_case("png") {
+            return Ok(Kind::Picture);
+        }
+        match MeshFormat::from_extension(&ending) {
+            Some(format) => Ok(Kind::Mesh(format)),
+            None => bail!(
+                "{}: unknown ending; a picture ends in .png, a mesh in .glb, .ply, .obj, .stl or .off",
+                file.display()
+            ),
+        }
+    }
+}
+
+fn avatar(args: &AvatarArgs) -> Result<Avatar> {
+    let pose = match args.pose {
+        args::Pose::A => ReferencePose::A,
+        args::Pose::T => ReferencePose::T,
+    };
+    let Some(file) = &args.avatar else {
+        return Ok(mannequin(&MannequinParameters {
+            sex: match args.sex {
+                Some(args::Sex::Female) => mannequin::Sex::Female,
+                Some(args::Sex::Male) => mannequin::Sex::Male,
+                None => mannequin::Sex::Neutral,
+            },
+            stature_mm: args.stature,
+            mass_kg: args.mass,
+            pose,
+            ..MannequinParameters::default()
+        })?);
+    };
+    let bytes = std::fs::read(file)
+        .with_context(|| format!("cannot read the avatar {}", file.display()))?;
+    let avatar = gltf::load_avatar(&bytes, pose).with_context(|| file.display().to_string())?;
+    Ok(match args.stature {
+        Some(stature_mm) => {
+            ensure!(
+                (100.0..=10_000.0).contains(&stature_mm),
+                "--stature is {stature_mm} mm; it must lie between 100 and 10000"
+            );
+            avatar.scaled_to(stature_mm)
+        }
+        None => avatar,
+    })
+}
+
+/// The figure as a camera at half its height sees it, as a PNG file
+fn picture(avatar: &Avatar, turn: TurnAngle, shaded: bool) -> Result<Vec<u8>> {
+    let (width, height) = PICTURE_SIZE_PX;
+    let camera = SyntheticOptions::camera_for(avatar.stature_mm(), width, height);
+    let posed = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
+    let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+    let triangles = &avatar.mesh.triangles;
+    Ok(if shaded {
+        encode_photo_png(&render::shade(&positions, triangles, None, &camera))?
+    } else {
+        let mask: Mask = render::silhouette(&positions, triangles, &camera).threshold(0.5);
+        encode_mask(&mask)?
+    })
+}

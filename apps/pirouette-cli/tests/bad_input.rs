@@ -1,0 +1,146 @@
+//! Input as people really have it: a bad view never takes the others down, bad folders say what to do.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod common;
+
+use common::Folders;
+
+/// Spoils one of four views, scans, and hands back why that view was left out
+#[track_caller]
+fn reason_for_leaving_out(spoil: impl FnOnce(&Folders)) -> String {
+    let folders = Folders::with_views(4);
+    spoil(&folders);
+    let run = folders.run("scan", &[]).exits_with(0);
+    assert!(
+        run.stderr().contains("view 001 is left out"),
+        "{}",
+        run.stderr()
+    );
+    let result = folders.json("result.json");
+    let views = result["views"].as_array().unwrap();
+    let failed: Vec<_> = views.iter().filter(|v| v["status"] == "failed").collect();
+    assert_eq!((views.len(), failed.len()), (4, 1), "{result}");
+    assert_eq!(failed[0]["name"], "001");
+    assert!(!folders.out().join("views/001").exists());
+    assert!(folders.out().join("views/003/mask.png").exists());
+    assert!(folders.out().join("body.ply").exists());
+    failed[0]["reason"].as_str().unwrap().to_owned()
+}
+
+#[test]
+fn a_view_without_keypoints_is_left_out() {
+    let reason = reason_for_leaving_out(|folders| {
+        std::fs::remove_file(folders.path("scan/001_keypoints.json")).unwrap();
+        let manifest = std::fs::read_to_string(folders.path("scan/scan.json")).unwrap();
+        let without = manifest.replace("\"keypoints\": \"001_keypoints.json\",", "");
+        folders.write("scan/scan.json", without);
+    });
+    assert!(reason.contains("001_keypoints.json"), "{reason}");
+}
+
+#[test]
+fn a_view_where_nobody_was_found_is_left_out() {
+    let reason = reason_for_leaving_out(|folders| {
+        folders.write("scan/001_keypoints.json", r#"{"version":1.3,"people":[]}"#);
+    });
+    assert!(reason.contains("nobody"), "{reason}");
+}
+
+#[test]
+fn a_black_photo_is_left_out() {
+    let reason = reason_for_leaving_out(|folders| {
+        let black = pirouette::scan::Photo::filled(200, 250, [0; 3]);
+        let jpeg = pirouette::io::photo::encode_jpeg(&black, 90).unwrap();
+        folders.write("scan/001.jpg", jpeg);
+    });
+    assert!(reason.contains("one color"), "{reason}");
+}
+
+#[test]
+fn a_truncated_jpeg_is_left_out() {
+    let reason = reason_for_leaving_out(|folders| {
+        let bytes = std::fs::read(folders.path("scan/001.jpg")).unwrap();
+        folders.write("scan/001.jpg", &bytes[..bytes.len() * 2 / 3]);
+    });
+    assert!(reason.contains("ends too early"), "{reason}");
+}
+
+#[test]
+fn a_keypoint_file_with_nan_is_left_out() {
+    let reason = reason_for_leaving_out(|folders| {
+        let numbers = vec!["NaN"; 75].join(",");
+        let file = format!("{{\"people\":[{{\"pose_keypoints_2d\":[{numbers}]}}]}}");
+        folders.write("scan/001_keypoints.json", file);
+    });
+    assert!(reason.contains("NaN"), "{reason}");
+}
+
+#[test]
+fn a_photo_of_one_pixel_is_left_out() {
+    let reason = reason_for_leaving_out(|folders| {
+        let pixel = pirouette::scan::Photo::filled(1, 1, [90; 3]);
+        let png = pirouette::io::photo::encode_photo_png(&pixel).unwrap();
+        folders.write("scan/001.jpg", png);
+    });
+    assert!(reason.contains("1 x 1 px"), "{reason}");
+}
+
+#[test]
+fn an_unknown_key_in_the_manifest_is_named() {
+    let folders = Folders::with_views(3);
+    folders.write(
+        "scan/scan.json",
+        "{\n  \"pose\": \"a\",\n  \"hight_mm\": 1700\n}",
+    );
+    let run = folders.run("scan", &[]).exits_with(1);
+    let error = run.stderr();
+    assert_eq!(error.lines().count(), 1, "{error}");
+    assert!(
+        error.contains("scan.json") && error.contains("hight_mm"),
+        "{error}"
+    );
+    assert!(error.contains("line 3"), "{error}");
+    assert!(!folders.out().exists());
+}
+
+#[test]
+fn two_views_are_too_few_for_a_body() {
+    let folders = Folders::with_views(2);
+    let run = folders.run("scan", &[]).exits_with(1);
+    let error = run.stderr();
+    assert!(
+        error.contains("2 usable views") && error.contains("at least 3"),
+        "{error}"
+    );
+    assert!(!folders.out().exists());
+}
+
+#[test]
+fn two_views_left_are_too_few_and_the_lost_one_is_named() {
+    let folders = Folders::with_views(3);
+    folders.write("scan/002.jpg", b"no photo");
+    let run = folders.run("scan", &[]).exits_with(1);
+    let error = run.stderr();
+    assert!(error.contains("view 002 is left out"), "{error}");
+    assert!(error.contains("2 usable views"), "{error}");
+}
+
+#[test]
+fn a_folder_that_is_none_is_named() {
+    let folders = Folders::empty();
+    let run = folders.run("scan", &[]).exits_with(1);
+    assert!(run.stderr().contains("no photos in"), "{}", run.stderr());
+    let run = common::pirouette(&["scan", "nowhere/at/all"]).exits_with(1);
+    assert!(run.stderr().contains("nowhere/at/all"), "{}", run.stderr());
+}
+
+#[test]
+fn an_avatar_that_is_none_is_named() {
+    let folders = Folders::with_views(3);
+    let file = folders.write("figure.glb", b"not a figure");
+    let run = folders
+        .run("scan", &["--avatar", common::text(&file)])
+        .exits_with(1);
+    assert!(run.stderr().contains("figure.glb"), "{}", run.stderr());
+}

@@ -1,0 +1,159 @@
+//! The main job and its stages on a rendered person, from files to files.
+
+mod common;
+
+use common::{Folders, person, pirouette, text};
+use pirouette::io::photo::decode_mask;
+
+#[test]
+fn segment_finds_the_silhouettes() {
+    let folders = Folders::with_views(4);
+    folders.run("segment", &[]).exits_with(0);
+    for (view, truth) in person().truth.silhouettes.iter().enumerate() {
+        let file = folders.out().join(format!("views/{view:03}/mask.png"));
+        let mask = decode_mask(&std::fs::read(file).unwrap()).unwrap();
+        let iou = mask.iou(truth);
+        assert!(iou > 0.9, "view {view}: {iou}");
+    }
+    let result = folders.json("result.json");
+    assert_eq!(result["goal"], "segment");
+    assert!(result["camera"]["distance_mm"].as_f64().unwrap() > 1000.0);
+    assert!(result["seconds"]["segment"].as_f64().unwrap() > 0.0);
+    let view = folders.json("views/000/view.json");
+    assert_eq!(view["width_px"], 200);
+    assert_eq!(
+        view["joints_px"]["detected"]["nose"]
+            .as_array()
+            .unwrap()
+            .len(),
+        3
+    );
+    assert!(!folders.out().join("body.ply").exists());
+}
+
+#[test]
+fn segment_takes_a_single_photo() {
+    let folders = Folders::with_views(1);
+    std::fs::remove_file(folders.path("scan/scan.json")).unwrap();
+    let run = folders.run("segment", &["--json", "--quiet"]).exits_with(0);
+    assert_eq!(run.stderr(), "");
+    let line = run.json_line();
+    assert_eq!(line["ok"], true);
+    assert_eq!(line["views"][0]["status"], "ok");
+    assert!(folders.out().join("views/000/mask.png").exists());
+}
+
+#[test]
+fn a_given_mask_is_the_result() {
+    let folders = Folders::empty();
+    let mut person = person().clone();
+    person.scan.views[2].mask = Some(person.truth.silhouettes[2].clone());
+    pirouette_testkit::people::write(&folders.scan(), &person);
+    folders.run("segment", &[]).exits_with(0);
+    let file = folders.out().join("views/002/mask.png");
+    let mask = decode_mask(&std::fs::read(file).unwrap()).unwrap();
+    assert_eq!(mask, person.truth.silhouettes[2]);
+    assert_eq!(folders.json("views/002/view.json")["mask_given"], true);
+}
+
+#[test]
+fn other_files_in_the_result_folder_stay() {
+    let folders = Folders::with_views(1);
+    std::fs::create_dir_all(folders.out()).unwrap();
+    folders.write("out/notes.txt", "mine");
+    folders.write("out/result.json", "old");
+    folders.run("segment", &[]).exits_with(0);
+    assert_eq!(
+        std::fs::read(folders.path("out/notes.txt")).unwrap(),
+        b"mine"
+    );
+    assert_eq!(folders.json("result.json")["goal"], "segment");
+}
+
+#[test]
+fn a_result_folder_that_cannot_be_made_is_one_clear_error() {
+    let folders = Folders::with_views(1);
+    folders.write("out", "a file, not a folder");
+    let run = folders.run("segment", &["--quiet"]).exits_with(1);
+    let error = run.stderr();
+    assert_eq!(error.lines().count(), 1, "{error}");
+    assert!(error.contains(text(&folders.out())), "{error}");
+}
+
+/// A limit on the size of files stands for a disk that is full, without needing one
+#[cfg(unix)]
+#[test]
+fn a_full_disk_is_one_clear_error_and_leaves_nothing_partial() {
+    let folders = Folders::with_views(1);
+    std::fs::create_dir_all(folders.out()).unwrap();
+    folders.write("out/result.json", "old");
+    // The signal that the limit raises must not end the process: a full disk raises none.
+    let script = "trap '' XFSZ; ulimit -f 0; exec \"$@\"";
+    let command = assert_cmd::cargo::cargo_bin("pirouette");
+    let output = std::process::Command::new("bash")
+        .args(["-c", script, "bash", text(&command), "segment", "--quiet"])
+        .args([text(&folders.scan()), "-o", text(&folders.out())])
+        .output()
+        .unwrap();
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert_eq!(error.lines().count(), 1, "{error}");
+    assert!(
+        error.contains("cannot write") && error.contains("make room"),
+        "{error}"
+    );
+    assert_eq!(
+        std::fs::read(folders.path("out/result.json")).unwrap(),
+        b"old"
+    );
+    let left = std::fs::read_dir(folders.out().join("views/000")).unwrap();
+    assert_eq!(left.count(), 0);
+}
+
+/// Ctrl-C as the terminal sends it, once the job has begun
+#[cfg(unix)]
+#[test]
+fn an_interrupt_ends_the_job_cleanly() {
+    use std::io::{BufRead, BufReader};
+    use std::process::{Command, Stdio};
+
+    let folders = Folders::with_views(4);
+    let mut child = Command::new(assert_cmd::cargo::cargo_bin("pirouette"))
+        .args(["scan", text(&folders.scan()), "-o", text(&folders.out())])
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let first = lines.next().unwrap().unwrap();
+    assert!(first.starts_with("load"), "{first}");
+    let pid = child.id().to_string();
+    assert!(
+        Command::new("kill")
+            .args(["-INT", &pid])
+            .status()
+            .unwrap()
+            .success()
+    );
+    let rest: Vec<String> = lines.map(Result::unwrap).collect();
+    assert_eq!(child.wait().unwrap().code(), Some(1), "{rest:?}");
+    assert!(rest.last().unwrap().contains("cancelled"), "{rest:?}");
+    assert!(!folders.out().join("result.json").exists());
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let folders = Folders::with_views(3);
+    folders.run("segment", &["--jobs", "1"]).exits_with(0);
+    let masks = || -> Vec<Vec<u8>> {
+        let file = |view| folders.out().join(format!("views/{view:03}/mask.png"));
+        (0..3)
+            .map(|view| std::fs::read(file(view)).unwrap())
+            .collect()
+    };
+    let one = masks();
+    folders.run("segment", &["--jobs", "3"]).exits_with(0);
+    assert_eq!(one, masks());
+    let version = pirouette(&["--version"]).exits_with(0);
+    assert!(version.stdout().contains(env!("CARGO_PKG_VERSION")));
+}

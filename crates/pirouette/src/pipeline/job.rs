@@ -1,0 +1,386 @@
+//! A running job: what each stage takes from those before it.
+
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use pirouette_geom::{Grid, TriMesh};
+use rayon::prelude::*;
+
+use crate::avatar::gltf::load_avatar;
+use crate::avatar::mannequin::{MannequinParameters, mannequin};
+use crate::avatar::{Avatar, render};
+use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
+use crate::carve::{CarveOptions, CarveView, carve};
+use crate::normalize::{
+    NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
+    RegisterOptions, normalize, shared_skeleton_joints,
+};
+use crate::pipeline::warning::{self, Warning};
+use crate::pipeline::{
+    AvatarSource, CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError,
+    Stage, ViewReport,
+};
+use crate::pose::pose_bones;
+use crate::scan::Scan;
+use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
+
+/// A running job
+pub(super) struct Job<'a> {
+    scan: &'a Scan,
+    config: &'a Config,
+    cancel: &'a CancelToken,
+    tell: &'a mut (dyn FnMut(Event) + Send),
+    pub(super) dropped: Vec<DroppedView>,
+    pub(super) warnings: Vec<Warning>,
+    pub(super) seconds: Vec<(Stage, f64)>,
+}
+
+/// Counts the steps of a stage, from any thread
+struct Steps<'a> {
+    stage: Stage,
+    tell: Mutex<&'a mut (dyn FnMut(Event) + Send)>,
+}
+
+impl Steps<'_> {
+    fn done(&self) {
+        let mut tell = self.tell.lock().unwrap_or_else(PoisonError::into_inner);
+        tell(Event::StepDone { stage: self.stage });
+    }
+}
+
+impl<'a> Job<'a> {
+    pub(super) fn new(
+        scan: &'a Scan,
+        config: &'a Config,
+        cancel: &'a CancelToken,
+        tell: &'a mut (dyn FnMut(Event) + Send),
+    ) -> Self {
+        Self {
+            scan,
+            config,
+            cancel,
+            tell,
+            dropped: Vec::new(),
+            warnings: Vec::new(),
+            seconds: Vec::new(),
+        }
+    }
+
+    /// Runs one stage: told, timed, and not begun or not believed once the job was cancelled
+    fn stage<T>(
+        &mut self,
+        stage: Stage,
+        step_count: usize,
+        work: impl FnOnce(&Steps) -> T,
+    ) -> Result<T, PipelineError> {
+        if self.cancel.cancelled() {
+            return Err(PipelineError::Cancelled);
+        }
+        (self.tell)(Event::StageStarted { stage, step_count });
+        let start = Instant::now();
+        let steps = Steps {
+            stage,
+            tell: Mutex::new(&mut *self.tell),
+        };
+        let result = work(&steps);
+        let seconds = start.elapsed().as_secs_f64();
+        if self.cancel.cancelled() {
+            return Err(PipelineError::Cancelled);
+        }
+        (self.tell)(Event::StageDone { stage, seconds });
+        self.seconds.push((stage, seconds));
+        Ok(result)
+    }
+
+    fn warn(&mut self, warning: Warning) {
+        (self.tell)(Event::Warning(warning.clone()));
+        self.warnings.push(warning);
+    }
+
+    fn drop_view(&mut self, index: usize, stage: Stage, reason: DropReason) {
+        self.warn(Warning::ViewDropped {
+            view: self.scan.views[index].name.clone(),
+            stage,
+            reason: reason.clone(),
+        });
+        self.dropped.push(DroppedView {
+            index,
+            stage,
+            reason,
+        });
+    }
+
+    pub(super) fn check_left(&self, left: usize) -> Result<(), PipelineError> {
+        let needed = self.config.goal.min_view_count();
+        if left < needed {
+            return Err(PipelineError::TooFewViews { left, needed });
+        }
+        Ok(())
+    }
+
+    /// Whether all photos can come from one camera
+    fn one_shape(&self) -> bool {
+        let mut shapes = self.scan.views.iter().map(|view| {
+            let (width, height) = (view.photo.width(), view.photo.height());
+            width as f64 / height as f64
+        });
+        let first = shapes.next();
+        first.is_none_or(|first| shapes.all(|shape| (shape / first - 1.0).abs() < 0.02))
+    }
+
+    pub(super) fn make_avatar(&mut self) -> Result<Avatar, PipelineError> {
+        let (scan, source) = (self.scan, &self.config.avatar);
+        self.stage(Stage::Avatar, 1, |_| match source {
+            AvatarSource::Mannequin { sex, mass_kg } => Ok(mannequin(&MannequinParameters {
+                sex: *sex,
+                stature_mm: scan.stature_mm,
+                mass_kg: *mass_kg,
+                pose: scan.pose,
+                ..MannequinParameters::default()
+            })?),
+            AvatarSource::File { name, bytes } => {
+                let avatar =
+                    load_avatar(bytes, scan.pose).map_err(|source| PipelineError::Avatar {
+                        name: name.clone(),
+                        source,
+                    })?;
+                Ok(match scan.stature_mm {
+                    Some(stature_mm) => avatar.scaled_to(stature_mm),
+                    None => avatar,
+                })
+            }
+        })?
+    }
+
+    /// One skeleton for all views; silhouettes alone can do without
+    pub(super) fn find_skeleton(
+        &mut self,
+        avatar: &Avatar,
+    ) -> Result<Option<Bundle>, PipelineError> {
+        let scan = self.scan;
+        if self.config.goal == Goal::Segment && !self.one_shape() {
+            return Ok(None);
+        }
+        let found = self.stage(Stage::Bundle, 1, |_| {
+            let views: Vec<BundleView> = scan
+                .views
+                .iter()
+                .map(|view| BundleView {
+                    turn: view.turn,
+                    keypoints: view.keypoints,
+                    width_px: view.photo.width(),
+                    height_px: view.photo.height(),
+                })
+                .collect();
+            let options = BundleOptions::default();
+            bundle(avatar, &views, &scan.camera, scan.stature_mm, &options)
+        })?;
+        let bundle = match found {
+            Ok(bundle) => bundle,
+            Err(error) if self.config.goal == Goal::Segment => {
+                self.warn(Warning::NoSkeleton(error));
+                return Ok(None);
+            }
+            Err(error) => return Err(error.into()),
+        };
+        let name = |index: usize| scan.views[index].name.clone();
+        for &warning in &bundle.warnings {
+            // Silhouettes have no size in mm.
+            if self.config.goal > Goal::Segment || !warning::is_about_scale(warning) {
+                self.warn(Warning::Bundle(warning));
+            }
+        }
+        for &(view, limb) in &bundle.swaps {
+            let view = name(view);
+            self.warn(Warning::SidesSwapped { view, limb });
+        }
+        for outlier in &bundle.outliers {
+            self.warn(Warning::Outlier {
+                view: name(outlier.view),
+                joint: outlier.joint,
+                residual_px: outlier.residual_px,
+            });
+        }
+        Ok(Some(bundle))
+    }
+
+    /// Where each photo shows the avatar with the person's bones in the person's pose
+    pub(super) fn render_priors(
+        &mut self,
+        bundle: Option<&Bundle>,
+    ) -> Result<Vec<Option<Grid<f32>>>, PipelineError> {
+        let Some(bundle) = bundle else {
+            return Ok(self.scan.views.iter().map(|_| None).collect());
+        };
+        let view_count = self.scan.views.len();
+        self.stage(Stage::Prior, view_count, |steps| {
+            let avatar = &bundle.avatar;
+            let mesh = render::SilhouetteMesh::new(&avatar.mesh.triangles);
+            let render = |index: usize| {
+                let posed = pose_bones(
+                    &avatar.bone_heads,
+                    &bundle.poses[index],
+                    bundle.turns[index],
+                );
+                let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+                let coverage = mesh.silhouette(&positions, &bundle.cameras[index]);
+                steps.done();
+                Some(coverage)
+            };
+            (0..view_count).into_par_iter().map(render).collect()
+        })
+    }
+
+    pub(super) fn segment(
+        &mut self,
+        priors: &[Option<Grid<f32>>],
+    ) -> Result<Vec<ViewReport>, PipelineError> {
+        let (scan, cancel) = (self.scan, self.cancel);
+        let options = SegmentOptions {
+            // Photos of different cameras share neither colors nor background.
+            single: !self.one_shape(),
+            ..SegmentOptions::default()
+        };
+        let silhouettes: Vec<Result<Silhouette, SegmentError>> =
+            self.stage(Stage::Segment, 1, |_| {
+                let views: Vec<SegmentView> = scan
+                    .views
+                    .iter()
+                    .zip(priors)
+                    .map(|(view, prior)| SegmentView {
+                        photo: &view.photo,
+                        keypoints: &view.keypoints,
+                        prior: prior.as_ref(),
+                        mask: view.mask.as_ref(),
+                    })
+                    .collect();
+                segment(&views, &options, &|| cancel.cancelled())
+            })?;
+        let mut views = Vec::new();
+        for (index, silhouette) in silhouettes.into_iter().enumerate() {
+            match silhouette {
+                Ok(silhouette) => views.push(ViewReport {
+                    index,
+                    silhouette,
+                    normalized: None,
+                }),
+                Err(error) => self.drop_view(index, Stage::Segment, DropReason::Segment(error)),
+            }
+        }
+        self.check_left(views.len())?;
+        Ok(views)
+    }
+
+    /// Brings each silhouette to the reference pose
+    pub(super) fn normalize(
+        &mut self,
+        avatar: &Avatar,
+        bundle: &Bundle,
+        views: Vec<ViewReport>,
+    ) -> Result<Vec<ViewReport>, PipelineError> {
+        let (config, cancel) = (self.config, self.cancel);
+        let options = normalize_options(config);
+        // The published method knows the person's proportions from the photo alone.
+        let reference = match config.method {
+            Method::Fit => &bundle.avatar,
+            Method::ThreeStep => avatar,
+        };
+        let results: Vec<Option<Result<NormalizedView, NormalizeError>>> =
+            self.stage(Stage::Normalize, views.len(), |steps| {
+                views
+                    .par_iter()
+                    .map(|view| {
+                        if cancel.cancelled() {
+                            return None;
+                        }
+                        let normalized = normalize_view(reference, bundle, view, &options);
+                        steps.done();
+                        Some(normalized)
+                    })
+                    .collect()
+            })?;
+        let mut left = Vec::new();
+        for (mut view, result) in views.into_iter().zip(results) {
+            match result {
+                Some(Ok(normalized)) => {
+                    for &warning in &normalized.warnings {
+                        let name = self.scan.views[view.index].name.clone();
+                        self.warn(Warning::Normalize {
+                            view: name,
+                            warning,
+                        });
+                    }
+                    view.normalized = Some(normalized);
+                    left.push(view);
+                }
+                Some(Err(error)) => {
+                    let reason = DropReason::Normalize(error);
+                    self.drop_view(view.index, Stage::Normalize, reason);
+                }
+                None => return Err(PipelineError::Cancelled),
+            }
+        }
+        self.check_left(left.len())?;
+        Ok(left)
+    }
+
+    /// The body that all normalized silhouettes allow
+    pub(super) fn carve(
+        &mut self,
+        bundle: &Bundle,
+        views: &[ViewReport],
+    ) -> Result<TriMesh, PipelineError> {
+        self.stage(Stage::Carve, 1, |_| {
+            let views = carve_views(bundle, views);
+            Ok(carve(&views, &CarveOptions::default())?)
+        })?
+    }
+}
+
+/// The steps that a configuration asks for
+fn normalize_options(config: &Config) -> NormalizeOptions {
+    let options = match config.method {
+        Method::Fit => NormalizeOptions::shared_skeleton(),
+        Method::ThreeStep => NormalizeOptions::three_step(),
+    };
+    NormalizeOptions {
+        register: config.register.then(RegisterOptions::default),
+        refine: config.refine.then(RefineOptions::default),
+        ..options
+    }
+}
+
+fn normalize_view(
+    reference: &Avatar,
+    bundle: &Bundle,
+    view: &ViewReport,
+    options: &NormalizeOptions,
+) -> Result<NormalizedView, NormalizeError> {
+    let (turn, camera) = (bundle.turns[view.index], &bundle.cameras[view.index]);
+    let pose = &bundle.poses[view.index];
+    let skeleton = shared_skeleton_joints(&bundle.avatar, pose, turn, camera);
+    normalize(
+        &NormalizeView {
+            mask: &view.silhouette.mask,
+            soft: &view.silhouette.soft,
+            keypoints: &bundle.keypoints[view.index],
+            skeleton: Some(&skeleton),
+            reference: &ReferenceView::render(reference, turn, camera),
+        },
+        options,
+    )
+}
+
+/// The normalized silhouettes as carving and measuring see them
+fn carve_views<'a>(bundle: &Bundle, views: &'a [ViewReport]) -> Vec<CarveView<'a>> {
+    views
+        .iter()
+        .filter_map(|view| {
+            Some(CarveView {
+                silhouette: &view.normalized.as_ref()?.soft,
+                camera: bundle.cameras[view.index],
+                turn: bundle.turns[view.index],
+            })
+        })
+        .collect()
+}
