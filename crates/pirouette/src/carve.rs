@@ -8,6 +8,7 @@
 //! depth of the point, is zero; outlines count with their fractions of a pixel.
 
 mod outline_map;
+mod phantom;
 
 use std::f64::consts::PI;
 
@@ -16,9 +17,11 @@ use pirouette_geom::isosurface::{SurfaceError, SurfaceOptions, extract_surface};
 use pirouette_geom::{Grid, TriMesh};
 use rayon::prelude::*;
 
+use crate::avatar::Avatar;
 use crate::camera::Camera;
 use crate::units::TurnAngle;
 pub(crate) use outline_map::OutlineMap;
+use phantom::PhantomField;
 
 /// One silhouette and how it was seen
 #[derive(Debug, Clone, Copy)]
@@ -155,6 +158,41 @@ const SECANT_STEPS: usize = 1;
 /// makes no sense, or when nothing is left.
 pub fn carve(views: &[CarveView], options: &CarveOptions) -> Result<TriMesh, CarveError> {
     let hull = HullField::new(views, options.misses_to_remove)?;
+    extract(&hull, |point| hull.value(point), options)
+}
+
+/// Carves the visual hull and cuts off what the avatar's own hull from the same views shows to be phantoms
+///
+/// The avatar stands in the world frame in the pose of the silhouettes. Only points that lie clearly off the
+/// avatar, yet within what the views could make of it, are cut: a belly that no silhouette of the avatar
+/// covers stays.
+///
+/// # Errors
+/// As [`carve`].
+pub fn carve_beside_avatar(
+    views: &[CarveView],
+    avatar: &Avatar,
+    options: &CarveOptions,
+) -> Result<TriMesh, CarveError> {
+    let hull = HullField::new(views, options.misses_to_remove)?;
+    let phantoms = PhantomField::new(views, avatar)?;
+    let field = |point| {
+        let outside = hull.value(point);
+        // Outside the hull nothing is left to cut.
+        if outside > 0.0 || outside.is_nan() {
+            return outside;
+        }
+        outside.max(phantoms.value(point))
+    };
+    extract(&hull, field, options)
+}
+
+/// The largest piece of the surface of a field whose slope and size are the hull's
+fn extract(
+    hull: &HullField,
+    field: impl Fn(DVec3) -> f64 + Sync,
+    options: &CarveOptions,
+) -> Result<TriMesh, CarveError> {
     let voxel = options.voxel_size_mm;
     let radius = hull.radius_mm;
     let surface = SurfaceOptions {
@@ -165,11 +203,9 @@ pub fn carve(views: &[CarveView], options: &CarveOptions) -> Result<TriMesh, Car
         lipschitz: hull.lipschitz,
         secant_steps: SECANT_STEPS,
     };
-    let mesh = extract_surface(|point| hull.value(point), &surface).map_err(|source| {
-        CarveError::VoxelSize {
-            voxel_size_mm: voxel,
-            source,
-        }
+    let mesh = extract_surface(field, &surface).map_err(|source| CarveError::VoxelSize {
+        voxel_size_mm: voxel,
+        source,
     })?;
     if mesh.triangles.is_empty() {
         return Err(CarveError::Empty);

@@ -10,7 +10,7 @@ use crate::avatar::gltf::load_avatar;
 use crate::avatar::mannequin::{MannequinParameters, mannequin};
 use crate::avatar::{Avatar, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
-use crate::carve::{CarveOptions, CarveView, carve};
+use crate::carve::{CarveOptions, CarveView, carve, carve_beside_avatar};
 use crate::normalize::{
     NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
     RegisterOptions, normalize, shared_skeleton_joints,
@@ -330,9 +330,13 @@ impl<'a> Job<'a> {
         bundle: &Bundle,
         views: &[ViewReport],
     ) -> Result<TriMesh, PipelineError> {
+        let method = self.config.method;
         self.stage(Stage::Carve, 1, |_| {
-            let views = carve_views(bundle, views);
-            Ok(carve(&views, &CarveOptions::default())?)
+            let (views, options) = (carve_views(bundle, views), CarveOptions::default());
+            Ok(match method {
+                Method::Fit => carve_beside_avatar(&views, &bundle.avatar, &options)?,
+                Method::ThreeStep => carve(&views, &options)?,
+            })
         })?
     }
 }
