@@ -131,7 +131,7 @@ impl Tube {
         let (start, end) = (stations[0], stations[stations.len() - 1]);
         let count = ((end - start) / SECTION_STEP).ceil().max(1.0);
         let step = (end - start) / count;
-        let sections = (0..=count as usize)
+        let sections: Vec<Section> = (0..=count as usize)
             .map(|i| {
                 let t = start + step * i as f64;
                 Section::from_channels(std::array::from_fn(|c| curves[c].at(t)))
@@ -146,6 +146,25 @@ impl Tube {
             sections,
             caps,
         }
+    }
+
+    /// Rounds off what the curves bend too suddenly, over about `width` mm along the axis; the end sections stay
+    pub(super) fn smoothed(mut self, width: f64) -> Self {
+        // Each pass of weights 1/4, 1/2, 1/4 adds half a step squared to the variance.
+        let passes = (2.0 * (width / self.step).powi(2)).ceil() as usize;
+        let mut values: Vec<[f64; 8]> = self.sections.iter().map(Section::channels).collect();
+        for _ in 0..passes {
+            let mut before = values[0];
+            for i in 1..values.len().saturating_sub(1) {
+                let own = values[i];
+                let after = values[i + 1];
+                values[i] =
+                    std::array::from_fn(|c| 0.25 * before[c] + 0.5 * own[c] + 0.25 * after[c]);
+                before = own;
+            }
+        }
+        self.sections = values.into_iter().map(Section::from_channels).collect();
+        self
     }
 
     /// The section at a station along the axis

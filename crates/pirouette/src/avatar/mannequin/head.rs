@@ -18,25 +18,25 @@ type Row = [f64; 5];
 
 const FEMALE: [Row; 9] = [
     [0.60, 0.985, 1.03, 0.90, 0.1],
-    [0.74, 0.985, 1.04, 0.93, 0.15],
-    [0.88, 0.95, 1.00, 0.91, 0.2],
-    [1.00, 0.92, 1.00, 0.86, 0.2],
-    [1.14, 0.87, 1.01, 0.74, 0.1],
-    [1.30, 0.80, 0.99, 0.50, 0.0],
-    [1.46, 0.70, 0.99, 0.20, -0.05],
-    [1.60, 0.58, 0.98, -0.05, -0.05],
+    [0.74, 0.985, 1.03, 0.93, 0.15],
+    [0.88, 0.955, 1.00, 0.91, 0.2],
+    [1.00, 0.925, 1.00, 0.86, 0.25],
+    [1.14, 0.88, 1.02, 0.74, 0.25],
+    [1.30, 0.82, 1.02, 0.50, 0.2],
+    [1.46, 0.73, 1.01, 0.20, 0.1],
+    [1.60, 0.60, 0.98, -0.05, 0.0],
     [1.69, 0.44, 0.92, -0.25, 0.0],
 ];
 
 const MALE: [Row; 9] = [
     [0.60, 0.985, 1.00, 0.90, 0.1],
-    [0.74, 0.985, 1.06, 0.93, 0.15],
-    [0.88, 0.96, 1.03, 0.91, 0.2],
-    [1.00, 0.93, 1.01, 0.86, 0.2],
-    [1.14, 0.89, 1.02, 0.74, 0.15],
-    [1.30, 0.85, 1.01, 0.50, 0.1],
-    [1.46, 0.78, 1.01, 0.20, 0.05],
-    [1.60, 0.66, 1.01, -0.05, 0.05],
+    [0.74, 0.985, 1.05, 0.93, 0.15],
+    [0.88, 0.96, 1.02, 0.91, 0.2],
+    [1.00, 0.935, 1.01, 0.86, 0.25],
+    [1.14, 0.90, 1.03, 0.74, 0.3],
+    [1.30, 0.87, 1.03, 0.50, 0.25],
+    [1.46, 0.80, 1.03, 0.20, 0.2],
+    [1.60, 0.68, 1.01, -0.05, 0.1],
     [1.70, 0.50, 0.96, -0.25, 0.1],
 ];
 
@@ -97,20 +97,20 @@ pub(super) fn add_head(field: &mut Field, a: &Anatomy) {
     );
     field.add(Region::Head, tip, 8.0);
     let brow = Shape::ellipsoid(
-        face(0.80, 0.93, 0.30),
-        DVec3::new(0.28 * half_breadth, 7.0, 0.10 * half_length),
+        face(0.80, 0.90, 0.30),
+        DVec3::new(0.30 * half_breadth, 8.0, 0.10 * half_length),
     );
     field.add_pair(Region::Head, brow, 12.0, 8.0);
     let cheek = Shape::ellipsoid(
-        face(1.16, 0.70, 0.52),
-        DVec3::new(0.30, 0.30, 0.26) * half_breadth,
+        face(1.16, 0.66, 0.50),
+        DVec3::new(0.32, 0.30, 0.28) * half_breadth,
     );
-    field.add_pair(Region::Head, cheek, 16.0, 4.0);
+    field.add_pair(Region::Head, cheek, 24.0, 4.0);
     let lips = Shape::ellipsoid(
-        face(1.46, 0.98, 0.0),
-        DVec3::new(0.26 * half_length, 8.0, 0.075 * half_length),
+        face(1.44, 0.965, 0.0),
+        DVec3::new(0.22 * half_length, 8.0, 0.075 * half_length),
     );
-    field.add(Region::Head, lips, 7.0);
+    field.add(Region::Head, lips, 10.0);
     let chin = Shape::ellipsoid(
         face(1.64, 0.85, 0.0),
         DVec3::new(a.by_sex(0.20, 0.26), 0.16, 0.16) * half_length,
@@ -118,9 +118,9 @@ pub(super) fn add_head(field: &mut Field, a: &Anatomy) {
     field.add(Region::Head, chin, 14.0);
     let ear_axes = DMat3::from_rotation_y(0.45);
     let ear = Shape::Ellipsoid {
-        center: face(1.0, -0.10, 1.05),
+        center: face(1.0, -0.10, 1.02),
         axes: ear_axes,
-        radii: DVec3::new(6.5, d.ear_length / 2.0, 0.29 * d.ear_length),
+        radii: DVec3::new(9.0, d.ear_length / 2.0, 0.30 * d.ear_length),
     };
     field.add_pair(Region::Head, ear, 5.0, 1.0);
 }

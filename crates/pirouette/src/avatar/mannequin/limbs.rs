@@ -103,7 +103,7 @@ pub(super) fn add_leg(field: &mut Field, a: &Anatomy) {
             ((frame.hip.y - y) / cosine, section)
         })
         .collect();
-    let tube = Tube::new(frame.hip, frame.leg_axes, &keys, [40.0 * m, 10.0 * m]);
+    let tube = Tube::new(frame.hip, frame.leg_axes, &keys, [40.0 * m, 10.0 * m]).smoothed(7.0 * m);
     field.add_pair(Region::Leg, Shape::Tube(tube), 28.0 * m, 14.0 * m);
 }
 
@@ -118,11 +118,11 @@ const UPPER_ARM: [ArmRow; 7] = [
     [0.50, 0.99, 0.99, 1.03, 0.99, 0.0, 0.02],
     [0.75, 0.92, 0.92, 0.96, 0.94, 0.0, 0.02],
     [0.93, 0.90, 0.90, 0.84, 0.86, 0.0, 0.0],
-    [1.05, 0.88, 0.86, 0.80, 0.82, 0.0, 0.0],
+    [1.0, 0.88, 0.86, 0.78, 0.80, 0.0, 0.02],
 ];
 
 const FOREARM: [ArmRow; 6] = [
-    [-0.05, 0.88, 0.88, 0.92, 0.92, 0.0, 0.0],
+    [-0.02, 0.88, 0.88, 0.86, 0.86, 0.0, 0.04],
     [0.10, 0.94, 0.94, 1.03, 1.0, 0.0, 0.03],
     [0.28, 0.96, 0.96, 1.03, 1.0, 0.0, 0.02],
     [0.55, 0.86, 0.86, 0.95, 0.92, 0.0, 0.0],
@@ -166,7 +166,7 @@ pub(super) fn add_arm(field: &mut Field, a: &Anatomy) {
         frame.shoulder,
         frame.upper_arm_axes,
         &keys,
-        [0.95 * radius, 0.5 * radius],
+        [0.95 * radius, 0.45 * radius],
     );
     field.add_pair(Region::Arm, Shape::Tube(tube), 10.0 * m, 1.0);
 
@@ -187,7 +187,7 @@ pub(super) fn add_arm(field: &mut Field, a: &Anatomy) {
         frame.elbow,
         frame.forearm_axes,
         &keys,
-        [0.6 * tapes[0] / TAU, 6.0 * m],
+        [0.5 * tapes[0] / TAU, 6.0 * m],
     );
     field.add_pair(Region::Arm, Shape::Tube(tube), 10.0 * m, 1.0);
 }

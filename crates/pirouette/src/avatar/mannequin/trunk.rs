@@ -133,7 +133,8 @@ pub(super) fn add_trunk(field: &mut Field, a: &Anatomy) {
         DMat3::IDENTITY,
         &keys,
         [bottom.max(8.0 * m), 20.0 * m],
-    );
+    )
+    .smoothed(11.0 * m);
     field.add(Region::Trunk, Shape::Tube(tube), 0.0);
 
     add_seat(field, a);
@@ -165,8 +166,8 @@ fn add_chest(field: &mut Field, a: &Anatomy, growth: f64) {
     // Breasts shrink to nothing on the way from female to male, chest muscles to the reverse.
     let bust = 1.0 - a.maleness;
     if bust > 0.0 {
-        let radii = DVec3::new(36.0, 35.0, 34.0) * size * (0.62 + 0.38 * bust);
-        let front = a.by_sex(86.0, 69.0) * size;
+        let radii = DVec3::new(38.0, 36.0, 32.0) * size * (0.62 + 0.38 * bust);
+        let front = a.by_sex(84.0, 69.0) * size;
         let center = DVec3::new(
             50.0 * size,
             d.chest_height - 1.0 * m,
@@ -232,7 +233,7 @@ fn add_girdle(field: &mut Field, a: &Anatomy) {
 
     // The broad muscle of the back, from the ribs up to the arm: the rear fold of the armpit.
     let ribs = DVec3::new(
-        a.by_sex(66.0, 72.0) * m,
+        a.by_sex(60.0, 66.0) * m,
         a.dimensions.chest_height - 20.0 * m,
         frame.plumb_z - 22.0 * m,
     );
@@ -240,7 +241,7 @@ fn add_girdle(field: &mut Field, a: &Anatomy) {
     let latissimus = Shape::Cone {
         from: ribs,
         to: insertion,
-        radii: [15.0 * m * thick, 8.0 * m * thick],
+        radii: [12.0 * m * thick, 9.0 * m * thick],
     };
     field.add_pair(Region::Trunk, latissimus, 34.0 * m, 1.0);
 
