@@ -52,48 +52,84 @@ pub fn nearest_surface(
     triangles: &[[u32; 3]],
     camera: &Camera,
 ) -> NearestSurface {
-    let (width, height) = (camera.width_px, camera.height_px);
-    let mut surface = NearestSurface {
-        depth_mm: Grid::filled(width, height, f32::INFINITY),
-        triangle: Grid::filled(width, height, NearestSurface::NONE),
-    };
-    let corners = project_with_depth(positions, camera);
-    for (t, triangle) in triangles.iter().enumerate() {
-        let [Some(a), Some(b), Some(c)] = triangle.map(|v| corners[v as usize]) else {
-            continue;
-        };
-        each_pixel(width, height, [a.0, b.0, c.0], |x, y, [wa, wb, wc]| {
-            // 1 / depth is linear on screen
-            let depth = (1.0 / (wa / a.1 + wb / b.1 + wc / c.1)) as f32;
-            if depth < surface.depth_mm[(x, y)] {
-                surface.depth_mm[(x, y)] = depth;
-                surface.triangle[(x, y)] = t as u32;
-            }
-        });
+    let vertices = see_all(positions, camera);
+    let buffer = DepthBuffer::draw(camera.width_px, camera.height_px, &vertices, triangles);
+    NearestSurface {
+        // 1 / 0 is infinite
+        depth_mm: buffer.nearness.map(|&nearness| 1.0 / nearness),
+        triangle: buffer.triangle,
     }
-    surface
 }
 
-/// Photo coordinates and depth, `None` behind the camera or not finite
-pub(super) fn project_with_depth(
-    positions: &[DVec3],
-    camera: &Camera,
-) -> Vec<Option<(DVec2, f64)>> {
-    positions
-        .iter()
-        .map(|&p| {
-            let (photo, depth) = (camera.project(p), camera.depth(p));
-            (depth > MIN_DEPTH_MM && depth.is_finite() && photo.is_finite())
-                .then_some((photo, depth))
-        })
-        .collect()
+/// A vertex as the camera sees it
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen {
+    pub(super) photo: DVec2,
+    /// One over the depth along the optical axis, per mm: linear on screen
+    pub(super) nearness: f64,
 }
+
+/// Every vertex as the camera sees it, `None` behind the camera or not finite
+pub(super) fn see_all(positions: &[DVec3], camera: &Camera) -> Vec<Option<Seen>> {
+    let see = |&p: &DVec3| {
+        let (photo, depth) = (camera.project(p), camera.depth(p));
+        (depth > MIN_DEPTH_MM && depth.is_finite() && photo.is_finite()).then_some(Seen {
+            photo,
+            nearness: 1.0 / depth,
+        })
+    };
+    positions.iter().map(see).collect()
+}
+
+/// The nearest surface at each pixel center, by its nearness
+pub(super) struct DepthBuffer {
+    /// One over the depth, 0 where nothing is
+    nearness: Grid<f32>,
+    /// Index of the triangle; [`NearestSurface::NONE`] where nothing is
+    pub(super) triangle: Grid<u32>,
+}
+
+impl DepthBuffer {
+    pub(super) fn draw(
+        width: usize,
+        height: usize,
+        vertices: &[Option<Seen>],
+        triangles: &[[u32; 3]],
+    ) -> Self {
+        let mut buffer = Self {
+            nearness: Grid::filled(width, height, 0f32),
+            triangle: Grid::filled(width, height, NearestSurface::NONE),
+        };
+        for (t, triangle) in triangles.iter().enumerate() {
+            let [Some(a), Some(b), Some(c)] = triangle.map(|v| vertices[v as usize]) else {
+                continue;
+            };
+            each_pixel(
+                width,
+                height,
+                [a.photo, b.photo, c.photo],
+                |x, y, weights| {
+                    let [wa, wb, wc] = weights;
+                    let nearness = (wa * a.nearness + wb * b.nearness + wc * c.nearness) as f32;
+                    if nearness > buffer.nearness[(x, y)] {
+                        buffer.nearness[(x, y)] = nearness;
+                        buffer.triangle[(x, y)] = t as u32;
+                    }
+                },
+            );
+        }
+        buffer
+    }
+}
+
+/// Barycentric slack that keeps rounding from leaving a crack between neighbors
+const EDGE_SLACK: f64 = 1e-9;
 
 /// Triangles of less area than this on screen, in square px, are seen edge on
 const MIN_AREA_PX: f64 = 1e-12;
 
 /// Calls `visit` with column, row and barycentric weights of every pixel center in a triangle
-pub(super) fn each_pixel(
+fn each_pixel(
     width: usize,
     height: usize,
     [a, b, c]: [DVec2; 3],
@@ -114,7 +150,8 @@ pub(super) fn each_pixel(
     let step_c = -(b - a).y / area;
     for y in y0..y1 {
         let start = DVec2::new(x0 as f64 + 0.5, y as f64 + 0.5) - a;
-        let (mut wb, mut wc) = (start.perp_dot(c - a) / area, (b - a).perp_dot(start) / area);
+        let mut wb = start.perp_dot(c - a) / area;
+        let mut wc = (b - a).perp_dot(start) / area;
         for x in x0..x1 {
             let wa = 1.0 - wb - wc;
             if wa >= -EDGE_SLACK && wb >= -EDGE_SLACK && wc >= -EDGE_SLACK {
@@ -126,22 +163,19 @@ pub(super) fn each_pixel(
     }
 }
 
-/// Barycentric slack that keeps rounding from leaving a crack between neighbors
-const EDGE_SLACK: f64 = 1e-9;
-
 /// Which vertices nothing lies before; vertices outside the photo are not visible
 ///
 /// # Panics
 /// When a triangle names a vertex that does not exist.
 pub fn visible_vertices(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Camera) -> Vec<bool> {
     let surface = nearest_surface(positions, triangles, camera);
-    project_with_depth(positions, camera)
+    see_all(positions, camera)
         .into_iter()
         .map(|vertex| {
-            let Some((photo, depth)) = vertex else {
+            let Some(seen) = vertex else {
                 return false;
             };
-            let Some((x, y)) = pixel_of(photo, camera) else {
+            let Some((x, y)) = pixel_of(seen.photo, camera) else {
                 return false;
             };
             // The farthest neighbor decides: a vertex on the rim is never at a pixel center.
@@ -149,7 +183,7 @@ pub fn visible_vertices(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Ca
                 .flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)))
                 .filter_map(|(dx, dy)| surface.depth_mm.get(x as isize + dx, y as isize + dy))
                 .fold(0.0f32, |far, &d| far.max(d));
-            depth <= f64::from(farthest) + HIDING_MARGIN_MM
+            1.0 / seen.nearness <= f64::from(farthest) + HIDING_MARGIN_MM
         })
         .collect()
 }
@@ -172,17 +206,17 @@ pub fn visible_shares(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> [
     let bones: Vec<Bone> = avatar.weights.iter().map(|w| w.strongest()).collect();
     let mut shown = [0usize; Bone::COUNT];
     let mut total = [0usize; Bone::COUNT];
-    for (vertex, &bone) in project_with_depth(&positions, camera).iter().zip(&bones) {
+    for (vertex, &bone) in see_all(&positions, camera).iter().zip(&bones) {
         total[bone as usize] += 1;
-        let Some((photo, depth)) = *vertex else {
+        let Some(seen) = *vertex else {
             continue;
         };
-        let Some((x, y)) = pixel_of(photo, camera) else {
+        let Some((x, y)) = pixel_of(seen.photo, camera) else {
             continue;
         };
         let triangle = surface.triangle[(x, y)];
         let hidden = triangle != NearestSurface::NONE
-            && f64::from(surface.depth_mm[(x, y)]) + HIDING_MARGIN_MM < depth
+            && f64::from(surface.depth_mm[(x, y)]) + HIDING_MARGIN_MM < 1.0 / seen.nearness
             && {
                 let corner = avatar.mesh.triangles[triangle as usize][0];
                 !joined(bone, bones[corner as usize])

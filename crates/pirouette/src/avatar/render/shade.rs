@@ -1,10 +1,10 @@
 //! Shaded pictures of a surface.
 
-use glam::DVec3;
-use pirouette_geom::{Grid, TriMesh};
+use glam::{DVec2, DVec3};
+use pirouette_geom::Grid;
 use rayon::prelude::*;
 
-use super::depth::{NearestSurface, nearest_surface, project_with_depth};
+use super::depth::{DepthBuffer, NearestSurface, Seen, see_all};
 use super::silhouette;
 use crate::camera::Camera;
 use crate::scan::Photo;
@@ -13,7 +13,7 @@ use crate::scan::Photo;
 const SAMPLES: usize = 2;
 
 /// Linear color of a surface that comes without colors: warm light clay
-const CLAY: [f32; 3] = [0.62, 0.52, 0.45];
+const CLAY: [f32; 3] = [0.50, 0.395, 0.33];
 
 /// Background at the top and at the bottom, as stored in files
 const BACKGROUND: [[f32; 3]; 2] = [[244.0, 246.0, 249.0], [221.0, 225.0, 231.0]];
@@ -40,16 +40,27 @@ pub fn shade(
     camera: &Camera,
 ) -> Photo {
     let layer = shade_layer(positions, triangles, camera, |_, _, albedo| albedo, colors);
-    let height = camera.height_px.max(2) as f32 - 1.0;
-    Photo::from_fn(camera.width_px, camera.height_px, |x, y| {
-        let (alpha, t) = (layer.coverage[(x, y)], y as f32 / height);
-        let color = layer.color[(x, y)];
-        std::array::from_fn(|k| {
-            let behind = BACKGROUND[0][k] * (1.0 - t) + BACKGROUND[1][k] * t;
-            let mixed = linear_from_srgb(behind / 255.0) * (1.0 - alpha) + color[k] * alpha;
-            (srgb_from_linear(mixed) * 255.0 + 0.5) as u8
-        })
-    })
+    let (width, height) = (camera.width_px, camera.height_px);
+    let mut photo = Photo::filled(width, height, [0; 3]);
+    for y in 0..height {
+        let t = y as f32 / (height.max(2) - 1) as f32;
+        let behind: [f32; 3] =
+            std::array::from_fn(|k| BACKGROUND[0][k] * (1.0 - t) + BACKGROUND[1][k] * t);
+        let linear = behind.map(|v| linear_from_srgb(v / 255.0));
+        let row = photo.row_mut(y);
+        for (x, pixel) in row.iter_mut().enumerate() {
+            let (alpha, color) = (layer.coverage[(x, y)], layer.color[(x, y)]);
+            *pixel = std::array::from_fn(|k| {
+                let value = if alpha > 0.0 {
+                    255.0 * srgb_from_linear(linear[k] * (1.0 - alpha) + color[k] * alpha)
+                } else {
+                    behind[k]
+                };
+                (value + 0.5) as u8
+            });
+        }
+    }
+    photo
 }
 
 /// Draws a surface into a layer; `paint` gives the linear color of a point from the room position, the unit
@@ -67,47 +78,156 @@ pub fn shade_layer(
     if let Some(colors) = colors {
         assert_eq!(colors.len(), positions.len(), "one color per vertex");
     }
-    let fine = Camera {
-        width_px: camera.width_px * SAMPLES,
-        height_px: camera.height_px * SAMPLES,
-        ..*camera
+    let (width, height) = (camera.width_px, camera.height_px);
+    let mut layer = Layer {
+        color: Grid::filled(width, height, [0.0; 3]),
+        coverage: silhouette(positions, triangles, camera),
     };
-    let mesh = TriMesh {
-        positions: positions.to_vec(),
-        triangles: triangles.to_vec(),
+    let Some(samples) = Samples::draw(positions, triangles, colors, camera) else {
+        return layer;
     };
-    let normals = mesh.vertex_normals();
-    let surface = nearest_surface(positions, triangles, &fine);
-    let projected = project_with_depth(positions, &fine);
-    let lights = Lights::for_camera(camera);
+    let lights = Lights::new();
+    let rows: Vec<Vec<Option<[f32; 3]>>> = (0..samples.window.height)
+        .into_par_iter()
+        .map(|y| {
+            (0..samples.window.width)
+                .map(|x| {
+                    let found = (0..SAMPLES * SAMPLES).filter_map(|k| {
+                        let at = (x * SAMPLES + k % SAMPLES, y * SAMPLES + k / SAMPLES);
+                        let (point, normal, albedo) = samples.at(at)?;
+                        Some(lights.on(normal, paint(point, normal, albedo)))
+                    });
+                    mean(found)
+                })
+                .collect()
+        })
+        .collect();
+    for (y, row) in rows.iter().enumerate() {
+        for (x, sampled) in row.iter().enumerate() {
+            let at = (x + samples.window.x, y + samples.window.y);
+            if layer.coverage[at] <= 0.0 {
+                continue;
+            }
+            // A pixel that the outline only grazes has no sample: it takes its neighbors' color.
+            let around = || {
+                let near_rows = &rows[y.saturating_sub(1)..(y + 2).min(rows.len())];
+                let columns = x.saturating_sub(1)..(x + 2).min(row.len());
+                mean(
+                    near_rows
+                        .iter()
+                        .flat_map(|r| r[columns.clone()].iter().flatten().copied()),
+                )
+            };
+            layer.color[at] = sampled.or_else(around).unwrap_or_default();
+        }
+    }
+    layer
+}
 
-    let sample = |x: usize, y: usize| -> Option<[f32; 3]> {
-        let t = surface.triangle[(x, y)];
+/// Mean color, `None` of none
+fn mean(colors: impl Iterator<Item = [f32; 3]>) -> Option<[f32; 3]> {
+    let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
+    for color in colors {
+        sum = std::array::from_fn(|i| sum[i] + color[i]);
+        count += 1.0;
+    }
+    (count > 0.0).then(|| sum.map(|v| v / count))
+}
+
+/// The pixels around a surface
+struct Window {
+    x: usize,
+    y: usize,
+    width: usize,
+    height: usize,
+}
+
+impl Window {
+    /// The pixels that any vertex could touch, with one to spare; `None` when all lie outside
+    fn around(vertices: &[Option<Seen>], camera: &Camera) -> Option<Self> {
+        let seen = || vertices.iter().flatten().map(|seen| seen.photo);
+        let (low, high) = (seen().reduce(DVec2::min)?, seen().reduce(DVec2::max)?);
+        // float to integer casts saturate
+        let start = |v: f64| (v - 1.0).max(0.0) as usize;
+        let end = |v: f64, size: usize| ((v + 2.0).max(0.0) as usize).min(size);
+        let (x, y) = (start(low.x), start(low.y));
+        Some(Self {
+            x,
+            y,
+            width: end(high.x, camera.width_px)
+                .checked_sub(x)
+                .filter(|&w| w > 0)?,
+            height: end(high.y, camera.height_px)
+                .checked_sub(y)
+                .filter(|&h| h > 0)?,
+        })
+    }
+}
+
+/// The nearest surface at [`SAMPLES`] x [`SAMPLES`] points of each pixel in a window
+struct Samples<'a> {
+    window: Window,
+    positions: &'a [DVec3],
+    triangles: &'a [[u32; 3]],
+    colors: Option<&'a [[f32; 3]]>,
+    normals: Vec<DVec3>,
+    vertices: Vec<Option<Seen>>,
+    buffer: DepthBuffer,
+}
+
+impl<'a> Samples<'a> {
+    fn draw(
+        positions: &'a [DVec3],
+        triangles: &'a [[u32; 3]],
+        colors: Option<&'a [[f32; 3]]>,
+        camera: &Camera,
+    ) -> Option<Self> {
+        let mut vertices = see_all(positions, camera);
+        let window = Window::around(&vertices, camera)?;
+        let corner = DVec2::new(window.x as f64, window.y as f64);
+        for seen in vertices.iter_mut().flatten() {
+            seen.photo = (seen.photo - corner) * SAMPLES as f64;
+        }
+        let (width, height) = (window.width * SAMPLES, window.height * SAMPLES);
+        Some(Self {
+            buffer: DepthBuffer::draw(width, height, &vertices, triangles),
+            normals: vertex_normals(positions, triangles),
+            window,
+            positions,
+            triangles,
+            colors,
+            vertices,
+        })
+    }
+
+    /// Room position, unit normal and color of the surface at a sample, `None` where nothing is
+    fn at(&self, (x, y): (usize, usize)) -> Option<(DVec3, DVec3, [f32; 3])> {
+        let t = self.buffer.triangle[(x, y)];
         if t == NearestSurface::NONE {
             return None;
         }
-        let triangle = triangles[t as usize];
-        let [a, b, c] = triangle.map(|v| projected[v as usize]);
+        let triangle = self.triangles[t as usize];
+        let [a, b, c] = triangle.map(|v| self.vertices[v as usize]);
         let (a, b, c) = (a?, b?, c?);
-        let p = glam::DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - a.0;
-        let area = (b.0 - a.0).perp_dot(c.0 - a.0);
-        let wb = p.perp_dot(c.0 - a.0) / area;
-        let wc = (b.0 - a.0).perp_dot(p) / area;
+        let (ab, ac) = (b.photo - a.photo, c.photo - a.photo);
+        let p = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - a.photo;
+        let area = ab.perp_dot(ac);
+        let (wb, wc) = (p.perp_dot(ac) / area, ab.perp_dot(p) / area);
         // perspective-correct weights
-        let raw = [(1.0 - wb - wc) / a.1, wb / b.1, wc / c.1];
+        let raw = [
+            (1.0 - wb - wc) * a.nearness,
+            wb * b.nearness,
+            wc * c.nearness,
+        ];
         let sum: f64 = raw.iter().sum();
         let weights = raw.map(|w| w / sum);
         let blend = |of: &[DVec3]| -> DVec3 {
-            triangle
-                .iter()
-                .zip(weights)
-                .map(|(&v, w)| of[v as usize] * w)
-                .sum()
+            let corners = triangle.iter().zip(weights);
+            corners.map(|(&v, w)| of[v as usize] * w).sum()
         };
-        let point = blend(positions);
-        let normal = blend(&normals).try_normalize().unwrap_or(DVec3::Z);
+        let normal = blend(&self.normals).try_normalize().unwrap_or(DVec3::Z);
         let mut albedo = CLAY;
-        if let Some(colors) = colors {
+        if let Some(colors) = self.colors {
             albedo = [0.0; 3];
             for (&v, w) in triangle.iter().zip(weights) {
                 for (channel, value) in albedo.iter_mut().zip(colors[v as usize]) {
@@ -115,83 +235,65 @@ pub fn shade_layer(
                 }
             }
         }
-        Some(lights.on(point, normal, paint(point, normal, albedo)))
-    };
-
-    let coverage = silhouette(positions, triangles, camera);
-    let (width, height) = (camera.width_px, camera.height_px);
-    let rows: Vec<Vec<Option<[f32; 3]>>> = (0..height)
-        .into_par_iter()
-        .map(|y| {
-            (0..width)
-                .map(|x| {
-                    let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
-                    for k in 0..SAMPLES * SAMPLES {
-                        let at = (x * SAMPLES + k % SAMPLES, y * SAMPLES + k / SAMPLES);
-                        if let Some(color) = sample(at.0, at.1) {
-                            sum = std::array::from_fn(|i| sum[i] + color[i]);
-                            count += 1.0;
-                        }
-                    }
-                    (count > 0.0).then(|| sum.map(|v| v / count))
-                })
-                .collect()
-        })
-        .collect();
-    let sampled = Grid::from_vec(width, height, rows.into_iter().flatten().collect());
-    // A pixel that the outline only grazes has no sample: it takes its neighbors' color.
-    let color = Grid::from_fn(width, height, |x, y| {
-        if let Some(color) = sampled[(x, y)] {
-            return color;
-        }
-        if coverage[(x, y)] <= 0.0 {
-            return [0.0; 3];
-        }
-        let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
-        for k in 0..9 {
-            let at = (x as isize + k % 3 - 1, y as isize + k / 3 - 1);
-            if let Some(Some(color)) = sampled.get(at.0, at.1) {
-                sum = std::array::from_fn(|i| sum[i] + color[i]);
-                count += 1.0;
-            }
-        }
-        sum.map(|v| v / count.max(1.0))
-    });
-    Layer { color, coverage }
+        Some((blend(self.positions), normal, albedo))
+    }
 }
 
-/// A soft studio: light from beside the camera, from the upper left, and from the whole sky
+/// Area-weighted unit normals; zero where a vertex has no area around it
+fn vertex_normals(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<DVec3> {
+    let mut normals = vec![DVec3::ZERO; positions.len()];
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|v| positions[v as usize]);
+        let normal = (b - a).cross(c - a);
+        for &v in triangle {
+            normals[v as usize] += normal;
+        }
+    }
+    for normal in &mut normals {
+        *normal = normal.try_normalize().unwrap_or(DVec3::ZERO);
+    }
+    normals
+}
+
+/// A soft studio: a warm light from the upper left, a weak one at the camera, and a cool sky
+///
+/// All lights are far away, so brightness depends on the normal alone.
 struct Lights {
-    eye: DVec3,
     key: DVec3,
+    /// Halfway between the key light and the camera: where gloss is seen
+    half: DVec3,
 }
 
 impl Lights {
-    const HEAD: f64 = 0.35;
-    const KEY: f64 = 0.55;
-    const SKY: f64 = 0.42;
-    const GROUND: f64 = 0.16;
+    const HEAD: [f32; 3] = [0.15, 0.15, 0.15];
+    const KEY: [f32; 3] = [1.00, 0.955, 0.90];
+    const SKY: [f32; 3] = [0.27, 0.29, 0.32];
+    const GROUND: [f32; 3] = [0.10, 0.09, 0.085];
+    /// How far behind the terminator the key light still reaches, as a cosine: it is a wide window, not a point
+    const WRAP: f64 = 0.15;
     /// Gloss of skin and clay: faint and broad
-    const GLOSS: f64 = 0.05;
-    const GLOSS_POWER: f64 = 18.0;
+    const GLOSS: f32 = 0.05;
+    const GLOSS_POWER: i32 = 16;
 
-    fn for_camera(camera: &Camera) -> Self {
+    fn new() -> Self {
+        let key = DVec3::new(-0.72, 0.52, 0.46).normalize_or(DVec3::Z);
         Self {
-            eye: camera.center(),
-            key: DVec3::new(-0.55, 0.65, 0.6).normalize_or(DVec3::Z),
+            key,
+            half: (key + DVec3::Z).normalize_or(DVec3::Z),
         }
     }
 
-    fn on(&self, point: DVec3, normal: DVec3, albedo: [f32; 3]) -> [f32; 3] {
-        let to_eye = (self.eye - point).normalize_or(DVec3::Z);
-        let head = normal.dot(to_eye).max(0.0);
-        // wrapped, so that the shadow side fades gently
-        let key = ((normal.dot(self.key) + 0.25) / 1.25).max(0.0);
-        let sky = Self::GROUND + (Self::SKY - Self::GROUND) * (0.5 + 0.5 * normal.y);
-        let light = Self::HEAD * head + Self::KEY * key + sky;
-        let half = (to_eye + self.key).normalize_or(DVec3::Z);
-        let gloss = Self::GLOSS * normal.dot(half).max(0.0).powf(Self::GLOSS_POWER);
-        albedo.map(|a| (a * light as f32 + gloss as f32).clamp(0.0, 1.0))
+    fn on(&self, normal: DVec3, albedo: [f32; 3]) -> [f32; 3] {
+        let head = normal.z.max(0.0) as f32;
+        let key = ((normal.dot(self.key) + Self::WRAP) / (1.0 + Self::WRAP)).max(0.0) as f32;
+        let up = (0.5 + 0.5 * normal.y) as f32;
+        let gloss = normal.dot(self.half).max(0.0) as f32;
+        let gloss = Self::GLOSS * gloss.powi(Self::GLOSS_POWER);
+        std::array::from_fn(|k| {
+            let sky = Self::GROUND[k] + (Self::SKY[k] - Self::GROUND[k]) * up;
+            let light = Self::HEAD[k] * head + Self::KEY[k] * key + sky;
+            (albedo[k] * light + gloss).clamp(0.0, 1.0)
+        })
     }
 }
 
