@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3};
 use pirouette_geom::TriMesh;
+use pirouette_geom::section::{convex_hull, perimeter};
 
 /// Edges of a surface or of a part of it, each once
 pub(super) struct Slicer<'a> {
@@ -100,7 +101,7 @@ impl<'a> Slicer<'a> {
     pub(super) fn girth(&self, plane: Plane) -> f64 {
         let crossings = self.cut(plane);
         let points: Vec<DVec2> = crossings.iter().map(|c| plane.flatten(c.point)).collect();
-        hull_perimeter(points)
+        perimeter(&convex_hull(&points))
     }
 
     /// The vertices next to a section, around its center
@@ -128,40 +129,48 @@ impl<'a> Slicer<'a> {
     }
 }
 
-/// Perimeter of the convex hull of points; 0 for fewer than two
-pub(super) fn hull_perimeter(mut points: Vec<DVec2>) -> f64 {
-    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
-    let half = |ordered: &mut dyn Iterator<Item = &DVec2>| -> f64 {
-        let mut chain: Vec<DVec2> = Vec::new();
-        for &p in ordered {
-            while let [.., a, b] = chain[..]
-                && (b - a).perp_dot(p - b) <= 0.0
-            {
-                chain.pop();
-            }
-            chain.push(p);
-        }
-        chain.windows(2).map(|w| w[0].distance(w[1])).sum()
-    };
-    half(&mut points.iter()) + half(&mut points.iter().rev())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn the_hull_bridges_hollows() {
-        let corners = [
-            (0.0, 0.0),
-            (4.0, 0.0),
-            (4.0, 3.0),
-            (0.0, 3.0),
-            (2.0, 1.0),
+    fn a_tape_around_a_tube_is_its_hull_in_order() {
+        // a tube of six columns with one dent, level edges at y = 0 and y = 10
+        let ring: Vec<DVec2> = [
             (2.0, 0.0),
-        ];
-        let points = corners.map(|(x, y)| DVec2::new(x, y)).to_vec();
-        assert!((hull_perimeter(points) - 14.0).abs() < 1e-12);
-        assert!(hull_perimeter(Vec::new()).abs() < 1e-12);
+            (1.0, 2.0),
+            (-1.0, 2.0),
+            (-2.0, 0.0),
+            (0.0, -0.5),
+            (2.0, -2.0),
+        ]
+        .map(DVec2::from)
+        .to_vec();
+        let at = |y: f64| ring.iter().map(move |p| DVec3::new(p.x, y, -p.y));
+        let mesh = TriMesh {
+            positions: at(0.0).chain(at(10.0)).collect(),
+            triangles: (0..6u32)
+                .flat_map(|i| {
+                    let j = (i + 1) % 6;
+                    [[i, j, i + 6], [j, j + 6, i + 6]]
+                })
+                .collect(),
+        };
+        let slicer = Slicer::new(&mesh);
+        let plane = Plane::level(3.0);
+        let expected = {
+            let taut: Vec<DVec2> = [0, 1, 2, 3, 5].map(|i: usize| ring[i]).to_vec();
+            perimeter(&taut)
+        };
+        assert!((slicer.girth(plane) - expected).abs() < 1e-9);
+        let tape = slicer.tape(plane).unwrap();
+        let start = tape.iter().position(|&v| v == 0).unwrap();
+        let around: Vec<u32> = (0..6).map(|i| tape[(start + i) % 6]).collect();
+        assert_eq!(around, [0, 1, 2, 3, 4, 5]);
+
+        let half = [true, true, true, true, false, false].repeat(2);
+        assert!(slicer.part(&half).girth(plane) < expected);
+        assert!(slicer.girth(Plane::level(20.0)).abs() < 1e-12);
+        assert!(slicer.tape(Plane::level(20.0)).is_none());
     }
 }
