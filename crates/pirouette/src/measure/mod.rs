@@ -5,6 +5,7 @@
 //! from the silhouettes where they show them, lengths from the avatar with the person's bones. What cannot
 //! be had is left out with the reason.
 
+mod figure;
 mod lengths;
 mod levels;
 mod support;
@@ -18,6 +19,7 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 use crate::avatar::{Avatar, render};
 use crate::carve::CarveView;
 use crate::skeleton::Bone;
+pub use figure::measure_figure;
 use support::{ExpectedTape, SeenView, find_lines, fit_girth};
 
 /// A girth, by the key that files use; of the left and right limb where there are two, both have a loop
