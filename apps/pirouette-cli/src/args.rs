@@ -40,7 +40,7 @@ pub struct Cli {
 /// What to do
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Scan a folder of photos: segment, normalize, carve
+    /// Scan a folder of photos: segment, normalize, carve, measure
     #[command(after_help = SCAN_HELP)]
     Scan(ScanArgs),
     /// Only find the silhouettes; works with a single photo too
@@ -52,6 +52,9 @@ pub enum Command {
     /// Find silhouettes, bring them to the reference pose and carve the body
     #[command(after_help = RECONSTRUCT_HELP)]
     Reconstruct(ScanArgs),
+    /// Do everything but the pictures
+    #[command(after_help = MEASURE_HELP)]
+    Measure(ScanArgs),
     /// Write the reference figure: a PNG silhouette or a mesh
     #[command(after_help = AVATAR_HELP)]
     Avatar(AvatarArgs),
@@ -233,7 +236,7 @@ Examples:
   pirouette scan photos/anna
   pirouette scan photos/anna -o anna --format ply,glb
   pirouette scan photos/anna --method three-step --no-refine
-  pirouette scan photos/anna --avatar me.vrm --json";
+  pirouette scan photos/anna --avatar me.vrm --json | jq .measurements_mm";
 
 const SEGMENT_HELP: &str = "\
 Writes result.json and, per view, mask.png, overlay.jpg and view.json.
@@ -254,6 +257,13 @@ Does what `normalize` does, and writes the body.
 
 Examples:
   pirouette reconstruct photos/anna -o anna --format obj,stl";
+
+const MEASURE_HELP: &str = "\
+Does what `reconstruct` does, and writes measurements.json.
+
+Examples:
+  pirouette measure photos/anna -o anna
+  pirouette measure photos/anna --json --quiet";
 
 const AVATAR_HELP: &str = "\
 Examples:

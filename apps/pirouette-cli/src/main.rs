@@ -41,10 +41,11 @@ fn run(cli: &Cli, output: Output) -> Result<()> {
     let cancel = cancel_on_interrupt()?;
     let scan = |args, goal| scan_command::run(args, goal, output, cli.quiet, &cancel);
     match &cli.command {
-        Command::Scan(args) => scan(args, Goal::Reconstruct),
+        Command::Scan(args) => scan(args, Goal::Measure),
         Command::Segment(args) => scan(args, Goal::Segment),
         Command::Normalize(args) => scan(args, Goal::Normalize),
         Command::Reconstruct(args) => scan(args, Goal::Reconstruct),
+        Command::Measure(args) => scan(args, Goal::Measure),
         Command::Avatar(args) => avatar_command::run(args, output),
         Command::Arap(args) => arap_command::run(args, output),
         Command::Completions { shell } => {

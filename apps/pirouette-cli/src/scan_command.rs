@@ -112,10 +112,23 @@ impl Done {
 
     fn summary(&self, out: &Path) -> String {
         let given = self.loaded.scan.views.len() + self.loaded.failed.len();
-        format!(
+        let mut text = format!(
             "{}: {} of {given} views",
             out.display(),
             self.report.views.len()
-        )
+        );
+        if let Some(measurements) = &self.report.measurements {
+            for (measure, measured) in measurements.iter() {
+                let value = match &measured.value_mm {
+                    Ok(value_mm) => format!("{value_mm:6.0} mm"),
+                    Err(why) => format!("     -    {why}"),
+                };
+                text.push_str(&format!(
+                    "\n{:<16}{value}",
+                    measure.name().replace('_', " ")
+                ));
+            }
+        }
+        text
     }
 }

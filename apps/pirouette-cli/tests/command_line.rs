@@ -4,11 +4,12 @@ mod common;
 
 use common::{Folders, pirouette, text};
 
-const COMMANDS: [&str; 7] = [
+const COMMANDS: [&str; 8] = [
     "scan",
     "segment",
     "normalize",
     "reconstruct",
+    "measure",
     "avatar",
     "arap",
     "completions",

@@ -6,6 +6,70 @@ use common::{Folders, person, pirouette, text};
 use pirouette::io::photo::decode_mask;
 
 #[test]
+fn scan_writes_the_whole_result_folder() {
+    let folders = Folders::with_views(4);
+    let formats = "ply,glb,obj,stl,off";
+    let run = folders
+        .run("scan", &["--format", formats, "--json"])
+        .exits_with(0);
+    let line = run.json_line();
+    for ending in formats.split(',') {
+        assert!(folders.out().join(format!("body.{ending}")).exists());
+    }
+    let bytes = std::fs::read(folders.out().join("body.ply")).unwrap();
+    let body = pirouette::io::mesh::read_ply(&bytes).unwrap();
+    body.check().unwrap();
+    let (low, high) = body.bounds().unwrap();
+    assert!((high.y - low.y - 1650.0).abs() < 60.0, "{low} {high}");
+    for (view, truth) in person().truth.canonical.iter().enumerate() {
+        let file = folders
+            .out()
+            .join(format!("views/{view:03}/normalized.png"));
+        let mask = decode_mask(&std::fs::read(file).unwrap()).unwrap();
+        let iou = mask.iou(truth);
+        assert!(iou > 0.75, "view {view}: {iou}");
+    }
+    let measurements = folders.json("measurements.json");
+    let hip = measurements["measurements_mm"]["hip_girth"]
+        .as_f64()
+        .unwrap();
+    assert!((850.0..1200.0).contains(&hip), "{hip}");
+    assert_eq!(measurements["details"]["stature"]["method"], "given");
+    assert_eq!(line["goal"], "measure");
+    let view = folders.json("views/001/view.json");
+    for step in ["detected", "aligned", "registered", "refined"] {
+        assert!(
+            view["joints_px"][step]["left_knee"][0].is_number(),
+            "{step}"
+        );
+    }
+    assert!(view["registration"].is_null());
+}
+
+#[test]
+fn three_step_is_the_published_method_and_its_steps_can_be_left_out() {
+    let folders = Folders::with_views(3);
+    folders
+        .run("normalize", &["--method", "three-step"])
+        .exits_with(0);
+    assert_eq!(folders.json("result.json")["method"], "three-step");
+    let view = folders.json("views/000/view.json");
+    let registration = &view["registration"];
+    let error = |key: &str| registration[key].as_f64().unwrap();
+    assert!(error("error_after_px") <= error("error_before_px"));
+    assert!(!view["limbs"].as_object().unwrap().is_empty());
+    folders
+        .run(
+            "normalize",
+            &["--method", "three-step", "--no-register", "--no-refine"],
+        )
+        .exits_with(0);
+    let view = folders.json("views/000/view.json");
+    assert!(view["registration"].is_null());
+    assert_eq!(view["joints_px"]["aligned"], view["joints_px"]["refined"]);
+}
+
+#[test]
 fn segment_finds_the_silhouettes() {
     let folders = Folders::with_views(4);
     folders.run("segment", &[]).exits_with(0);

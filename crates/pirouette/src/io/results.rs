@@ -60,6 +60,9 @@ pub fn write_results(
             write_whole(&file, &format.write(body))?;
         }
     }
+    if let Some(measurements) = &report.measurements {
+        write_json(&folder.join("measurements.json"), &json!(measurements))?;
+    }
     // Last, so that a result.json stands for a whole result.
     let result = result_value(loaded, load_seconds, report);
     write_json(&folder.join("result.json"), &result)
@@ -180,6 +183,7 @@ pub fn goal_name(goal: Goal) -> &'static str {
         Goal::Segment => "segment",
         Goal::Normalize => "normalize",
         Goal::Reconstruct => "reconstruct",
+        Goal::Measure => "measure",
     }
 }
 

@@ -11,6 +11,7 @@ use crate::avatar::mannequin::{MannequinParameters, mannequin};
 use crate::avatar::{Avatar, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, CarveView, carve, carve_beside_avatar};
+use crate::measure::{MeasureInput, Measurements, measure};
 use crate::normalize::{
     NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
     RegisterOptions, normalize, shared_skeleton_joints,
@@ -338,6 +339,24 @@ impl<'a> Job<'a> {
                 Method::ThreeStep => carve(&views, &options)?,
             })
         })?
+    }
+
+    /// Tapes around the body
+    pub(super) fn measure(
+        &mut self,
+        bundle: &Bundle,
+        views: &[ViewReport],
+        body: &TriMesh,
+    ) -> Result<Measurements, PipelineError> {
+        let scan = self.scan;
+        self.stage(Stage::Measure, 1, |_| {
+            measure(&MeasureInput {
+                body,
+                avatar: &bundle.avatar,
+                views: &carve_views(bundle, views),
+                stature_mm: scan.stature_mm,
+            })
+        })
     }
 }
 

@@ -39,8 +39,10 @@ pub enum Goal {
     /// Silhouettes in the reference pose
     Normalize,
     /// The body
-    #[default]
     Reconstruct,
+    /// Its measurements
+    #[default]
+    Measure,
 }
 
 impl Goal {
@@ -50,7 +52,7 @@ impl Goal {
     pub fn min_view_count(self) -> usize {
         match self {
             Goal::Segment | Goal::Normalize => 1,
-            Goal::Reconstruct => 3,
+            Goal::Reconstruct | Goal::Measure => 3,
         }
     }
 }
@@ -162,12 +164,17 @@ pub fn run(
     let mut views = job.segment(&priors)?;
     drop(priors);
     let mut body = None;
+    let mut measurements = None;
     if let Some(bundle) = &bundle
         && config.goal >= Goal::Normalize
     {
         views = job.normalize(&avatar, bundle, views)?;
         if config.goal >= Goal::Reconstruct {
-            body = Some(job.carve(bundle, &views)?);
+            let carved = job.carve(bundle, &views)?;
+            if config.goal >= Goal::Measure {
+                measurements = Some(job.measure(bundle, &views, &carved)?);
+            }
+            body = Some(carved);
         }
     }
     let Job {
@@ -183,6 +190,7 @@ pub fn run(
         bundle,
         views,
         body,
+        measurements,
         dropped,
         warnings,
         seconds,

@@ -5,6 +5,7 @@ use thiserror::Error;
 
 use crate::avatar::Avatar;
 use crate::bundle::Bundle;
+use crate::measure::Measurements;
 use crate::normalize::{NormalizeError, NormalizedView};
 use crate::pipeline::{Goal, Method, Stage, Warning};
 use crate::segment::{SegmentError, Silhouette};
@@ -24,6 +25,8 @@ pub struct Report {
     pub views: Vec<ViewReport>,
     /// The body in the reference pose, world frame, mm
     pub body: Option<TriMesh>,
+    /// Its measurements
+    pub measurements: Option<Measurements>,
     /// The views that did not
     pub dropped: Vec<DroppedView>,
     /// What was decided without being asked
