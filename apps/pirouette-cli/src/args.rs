@@ -14,6 +14,7 @@ use pirouette::io::mesh::MeshFormat;
     propagate_version = true,
     after_help = "\
 Examples:
+  pirouette demo                      renders a turning person and scans it: needs no input
   pirouette scan photos/anna -o anna  silhouettes, body and measurements of a scan folder
   pirouette scan --help               what a scan folder looks like
 
@@ -43,6 +44,9 @@ pub enum Command {
     /// Scan a folder of photos: segment, normalize, carve, measure
     #[command(after_help = SCAN_HELP)]
     Scan(ScanArgs),
+    /// Render a turning person whose measures are known, scan it, and compare
+    #[command(after_help = DEMO_HELP)]
+    Demo(DemoArgs),
     /// Only find the silhouettes; works with a single photo too
     #[command(after_help = SEGMENT_HELP)]
     Segment(ScanArgs),
@@ -119,6 +123,41 @@ pub struct MethodArgs {
     /// Leave the refinement out [default with fit]
     #[arg(long)]
     pub no_refine: bool,
+}
+
+/// Arguments of `demo`
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Result folder; the rendered photos go to its `scan` folder
+    #[arg(short, long, value_name = "OUT", default_value = "pirouette-demo")]
+    pub out: PathBuf,
+
+    /// Other seeds give other clothes, rooms, sway and noise
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub seed: u64,
+
+    /// Photos over one turn
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    pub views: usize,
+
+    /// The rendered person
+    #[arg(long, value_enum, default_value_t = Sex::Female)]
+    pub sex: Sex,
+
+    /// Height, in mm
+    #[arg(long, value_name = "MM", default_value_t = 1660.0)]
+    pub stature: f64,
+
+    /// Body mass, in kg
+    #[arg(long, value_name = "KG", default_value_t = 72.0)]
+    pub mass: f64,
+
+    /// How the person stands
+    #[arg(long, value_enum, default_value_t = Pose::A)]
+    pub pose: Pose,
+
+    #[command(flatten)]
+    pub method: MethodArgs,
 }
 
 /// Arguments of `avatar`
@@ -237,6 +276,14 @@ Examples:
   pirouette scan photos/anna -o anna --format ply,glb
   pirouette scan photos/anna --method three-step --no-refine
   pirouette scan photos/anna --avatar me.vrm --json | jq .measurements_mm";
+
+const DEMO_HELP: &str = "\
+Writes the photos, keypoints and the truth to OUT/scan and the results beside them.
+
+Examples:
+  pirouette demo
+  pirouette demo --sex male --stature 1810 --mass 95 --seed 7 -o big
+  pirouette demo --pose t --views 12 --method three-step";
 
 const SEGMENT_HELP: &str = "\
 Writes result.json and, per view, mask.png, overlay.jpg and view.json.

@@ -70,11 +70,7 @@ fn avatar(args: &AvatarArgs) -> Result<Avatar> {
     };
     let Some(file) = &args.avatar else {
         return Ok(mannequin(&MannequinParameters {
-            sex: match args.sex {
-                Some(args::Sex::Female) => mannequin::Sex::Female,
-                Some(args::Sex::Male) => mannequin::Sex::Male,
-                None => mannequin::Sex::Neutral,
-            },
+            sex: mannequin_sex(args.sex),
             stature_mm: args.stature,
             mass_kg: args.mass,
             pose,
@@ -109,4 +105,13 @@ fn picture(avatar: &Avatar, turn: TurnAngle, shaded: bool) -> Result<Vec<u8>> {
         let mask: Mask = render::silhouette(&positions, triangles, &camera).threshold(0.5);
         encode_mask(&mask)?
     })
+}
+
+/// The library's sex; between the two without one
+pub fn mannequin_sex(sex: Option<args::Sex>) -> mannequin::Sex {
+    match sex {
+        Some(args::Sex::Female) => mannequin::Sex::Female,
+        Some(args::Sex::Male) => mannequin::Sex::Male,
+        None => mannequin::Sex::Neutral,
+    }
 }

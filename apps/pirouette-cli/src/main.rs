@@ -3,6 +3,7 @@
 mod arap_command;
 mod args;
 mod avatar_command;
+mod demo_command;
 mod output;
 mod progress;
 mod scan_command;
@@ -46,6 +47,7 @@ fn run(cli: &Cli, output: Output) -> Result<()> {
         Command::Normalize(args) => scan(args, Goal::Normalize),
         Command::Reconstruct(args) => scan(args, Goal::Reconstruct),
         Command::Measure(args) => scan(args, Goal::Measure),
+        Command::Demo(args) => demo_command::run(args, output, cli.quiet, &cancel),
         Command::Avatar(args) => avatar_command::run(args, output),
         Command::Arap(args) => arap_command::run(args, output),
         Command::Completions { shell } => {

@@ -100,7 +100,8 @@ pub fn scan_folder(
 }
 
 impl Done {
-    fn json(&self, out: &Path) -> Value {
+    /// One machine-readable line
+    pub fn json(&self, out: &Path) -> Value {
         let mut value = json!({ "ok": true, "out": out });
         if let Value::Object(result) = result_value(&self.loaded, self.load_seconds, &self.report) {
             for (key, entry) in result {

@@ -1,0 +1,158 @@
+//! `pirouette demo`: renders a turning person whose measures are known, scans it, and compares.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use pirouette::avatar::mannequin::{MannequinParameters, mannequin};
+use pirouette::avatar::{Avatar, ReferencePose};
+use pirouette::io::atomic::{make_folder, write_whole};
+use pirouette::io::mesh::MeshFormat;
+use pirouette::io::photo::encode_mask;
+use pirouette::io::scan_folder::write_scan;
+use pirouette::measure::{Measure, Measurements, measure_figure};
+use pirouette::pipeline::{CancelToken, Goal};
+use pirouette::synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
+use serde_json::{Map, Value, json};
+
+use crate::args::{DemoArgs, Pose};
+use crate::avatar_command::mannequin_sex;
+use crate::output::Output;
+use crate::progress::Progress;
+use crate::scan_command::{config, scan_folder};
+
+/// Columns and rows of the photos
+const PHOTO_SIZE_PX: (usize, usize) = (800, 1000);
+
+/// Noise of the keypoints, in px at a stature of 800 px: what detectors reach on plain clothes
+const KEYPOINT_NOISE_PX: f64 = 2.5;
+
+/// Noise of the sensor, in gray levels
+const SENSOR_NOISE: f64 = 2.0;
+
+/// Renders, scans, compares
+pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -> Result<()> {
+    ensure!(
+        (3..=72).contains(&args.views),
+        "--views must be between 3 and 72, not {}",
+        args.views
+    );
+    let progress = Progress::new(quiet);
+    let config = config(&args.method, Goal::Measure)?;
+    let person = person(args)?;
+    let truth = measure_figure(&person);
+    progress.say("rendering the person and the room");
+    let synthetic = photograph(args, &person);
+    let scan = args.out.join("scan");
+    write_scan(&scan, &synthetic.scan).context("cannot write the rendered scan")?;
+    write_truth(&scan.join("truth"), &synthetic, &truth)?;
+    let formats = [MeshFormat::Ply, MeshFormat::Glb];
+    let done = scan_folder(&scan, &args.out, &config, &formats, &progress, cancel);
+    progress.finish();
+    let done = done?;
+    let measured = done.report.measurements.as_ref();
+    output.done(&table(&args.out, &truth, measured), || {
+        let truth: Map<String, Value> = truth
+            .iter()
+            .map(|(measure, value)| (measure.name().to_owned(), json!(value)))
+            .collect();
+        let mut value = done.json(&args.out);
+        value["truth_mm"] = Value::Object(truth);
+        value
+    });
+    Ok(())
+}
+
+/// A person of other sex and build than the reference
+fn person(args: &DemoArgs) -> Result<Avatar> {
+    let parameters = MannequinParameters {
+        sex: mannequin_sex(Some(args.sex)),
+        stature_mm: Some(args.stature),
+        mass_kg: Some(args.mass),
+        pose: match args.pose {
+            Pose::A => ReferencePose::A,
+            Pose::T => ReferencePose::T,
+        },
+        arm_angle_degrees: None,
+    };
+    Ok(mannequin(&parameters)?)
+}
+
+fn photograph(args: &DemoArgs, person: &Avatar) -> SyntheticScan {
+    let (width, height) = PHOTO_SIZE_PX;
+    synthesize(
+        person,
+        &SyntheticOptions {
+            seed: args.seed,
+            turns: SyntheticOptions::even_turns(args.views),
+            camera: SyntheticOptions::camera_for(person.stature_mm(), width, height),
+            sway: 1.0,
+            keypoint_noise_px: KEYPOINT_NOISE_PX,
+            sensor_noise: SENSOR_NOISE,
+            clutter: Clutter::LivedIn,
+        },
+    )
+}
+
+/// Silhouettes, the body in the reference pose, camera and measures
+fn write_truth(
+    folder: &Path,
+    synthetic: &SyntheticScan,
+    measures: &[(Measure, f64)],
+) -> Result<()> {
+    make_folder(folder)?;
+    let truth = &synthetic.truth;
+    let masks = truth.silhouettes.iter().zip(&truth.canonical);
+    for (view, (silhouette, canonical)) in synthetic.scan.views.iter().zip(masks) {
+        for (kind, mask) in [("mask", silhouette), ("canonical", canonical)] {
+            let file = folder.join(format!("{}_{kind}.png", view.name));
+            write_whole(&file, &encode_mask(mask)?)?;
+        }
+    }
+    write_whole(
+        &folder.join("body.ply"),
+        &MeshFormat::Ply.write(&truth.body),
+    )?;
+    let measures: Map<String, Value> = measures
+        .iter()
+        .map(|(measure, value)| (measure.name().to_owned(), json!(value)))
+        .collect();
+    let camera = &truth.camera;
+    let text = json!({
+        "measurements_mm": measures,
+        "camera": {
+            "vertical_fov_deg": camera.vertical_fov_radians.to_degrees(),
+            "height_mm": camera.height_mm,
+            "distance_mm": camera.distance_mm,
+            "pitch_deg": camera.pitch_radians.to_degrees(),
+        },
+    });
+    write_whole(&folder.join("truth.json"), format!("{text:#}\n").as_bytes())?;
+    Ok(())
+}
+
+/// What was found next to the truth
+fn table(out: &Path, truth: &[(Measure, f64)], measured: Option<&Measurements>) -> String {
+    let mut text = format!(
+        "{}: a rendered person, scanned\n{:<16}{:>9}{:>9}{:>8}",
+        out.display(),
+        "mm",
+        "found",
+        "truth",
+        "error"
+    );
+    for &(measure, true_mm) in truth {
+        let name = measure.name().replace('_', " ");
+        let found = measured.and_then(|m| m.value_mm(measure));
+        // Writing to a string cannot fail.
+        let _ = match found {
+            Some(found) => write!(
+                text,
+                "\n{name:<16}{found:>9.0}{true_mm:>9.0}{:>+7.1}%",
+                100.0 * (found / true_mm - 1.0)
+            ),
+            None => write!(text, "\n{name:<16}{:>9}{true_mm:>9.0}", "-"),
+        };
+    }
+    text
+}
