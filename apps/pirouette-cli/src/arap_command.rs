@@ -29,7 +29,7 @@ pub fn run(args: &ArapArgs, output: Output) -> Result<()> {
         args.target.display(),
         target.len()
     );
-    let deformed = deform_points(&mesh, &source, &target, &ArapOptions::default())
+    let deformed = deform_points(&mesh, &source, &target, &ArapOptions::precise())
         .with_context(|| format!("cannot deform {}", args.mesh.display()))?;
     write_whole(&args.out, &write_off(&deformed))?;
     output.done(

@@ -21,11 +21,9 @@ use cholesky::Cholesky;
 /// Cotangents of such angles reach a million; much beyond, they drown the rest of the mesh in rounding.
 const FLATTEST: f64 = 1e-6;
 
-/// Edge weights are at least this
+/// Edge weights that may not be negative are at least this
 ///
-/// The weight of a boundary edge opposite an obtuse angle is negative. Then a thin triangle gains energy
-/// by turning around, and the rest mesh is no longer its own best deformation. Not zero, so that every part
-/// hangs together; small enough not to be felt.
+/// Not zero, so that every part hangs together; small enough not to be felt.
 const MIN_WEIGHT: f64 = 1e-6;
 
 /// Cotangent of 60 degrees
@@ -53,6 +51,17 @@ impl Default for ArapOptions {
     }
 }
 
+impl ArapOptions {
+    /// On to the minimum, to about a ten-thousandth of a pixel, instead of until nothing is visible
+    pub fn precise() -> Self {
+        Self {
+            rounds: 5000,
+            tolerance: 1e-7,
+            start: ArapStart::Rigid,
+        }
+    }
+}
+
 /// Positions of the free vertices before the first round
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ArapStart {
@@ -63,6 +72,19 @@ pub enum ArapStart {
     Rigid,
     /// The rest positions
     Rest,
+}
+
+/// What becomes of edges with negative cotangent weight: boundary edges opposite an obtuse angle, above all
+///
+/// A star of such edges gains energy by turning around, so that the rest mesh may not be its own best deformation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ArapWeights {
+    /// Negative weights count as (almost) zero: robust with thin triangles
+    #[default]
+    NonNegative,
+    /// Negative weights stay, but for stars that would turn around at rest: the energy as published, on any mesh
+    /// without extreme triangles
+    Cotangent,
 }
 
 /// Why a mesh cannot be deformed
@@ -177,6 +199,18 @@ impl ArapSolver {
     /// vertex (eq. 3) with cotangent weights. Two things differ: negative weights are raised to (almost) zero,
     /// and the local step needs no singular values, because a rotation in the plane is one angle.
     pub fn new(rest: &PlanarMesh, constrained: &[u32]) -> Result<Self, ArapError> {
+        Self::with_weights(rest, constrained, ArapWeights::NonNegative)
+    }
+
+    /// Prepares the mesh like [`ArapSolver::new`], with a choice of weights
+    ///
+    /// # Errors
+    /// As [`ArapSolver::new`].
+    pub fn with_weights(
+        rest: &PlanarMesh,
+        constrained: &[u32],
+        weights: ArapWeights,
+    ) -> Result<Self, ArapError> {
         let vertex_count = rest.positions.len();
         let named = rest.triangles.iter().flatten().chain(constrained);
         if let Some(&vertex) = named.into_iter().find(|&&v| v as usize >= vertex_count) {
@@ -188,7 +222,8 @@ impl ArapSolver {
         if !rest.positions.iter().all(|p| p.is_finite()) {
             return Err(ArapError::NotFinite);
         }
-        let (spokes, first_spoke) = spokes(rest);
+        let (mut spokes, first_spoke) = spokes(rest);
+        raise_weights(&mut spokes, &first_spoke, weights);
         let parts = connected_parts(&spokes, &first_spoke);
 
         let mut roles = vec![Role::Idle; vertex_count];
@@ -394,7 +429,7 @@ fn spokes(mesh: &PlanarMesh) -> (Vec<Spoke>, Vec<usize>) {
         }
         spokes.push(Spoke {
             to: b,
-            weight: same.iter().map(|e| e.2).sum::<f64>().max(MIN_WEIGHT),
+            weight: same.iter().map(|e| e.2).sum(),
             rest: mesh.positions[a as usize] - mesh.positions[b as usize],
         });
         first_spoke[a as usize + 1] = spokes.len();
@@ -403,6 +438,32 @@ fn spokes(mesh: &PlanarMesh) -> (Vec<Spoke>, Vec<usize>) {
         first_spoke[v] = first_spoke[v].max(first_spoke[v - 1]);
     }
     (spokes, first_spoke)
+}
+
+/// Raises negative weights, as far as the choice asks for
+fn raise_weights(spokes: &mut [Spoke], first_spoke: &[usize], weights: ArapWeights) {
+    let vertex_count = first_spoke.len() - 1;
+    let stars: Vec<std::ops::Range<usize>> = (0..vertex_count)
+        .map(|v| first_spoke[v]..first_spoke[v + 1])
+        .collect();
+    let turns_around: Vec<bool> = stars
+        .iter()
+        .map(|star| {
+            let upright: f64 = spokes[star.clone()]
+                .iter()
+                .map(|s| s.weight * s.rest.length_squared())
+                .sum();
+            weights == ArapWeights::NonNegative || upright <= 0.0
+        })
+        .collect();
+    for (v, star) in stars.into_iter().enumerate() {
+        for spoke in &mut spokes[star] {
+            // both directions of an edge alike, else the system is not symmetric
+            if turns_around[v] || turns_around[spoke.to as usize] {
+                spoke.weight = spoke.weight.max(MIN_WEIGHT);
+            }
+        }
+    }
 }
 
 /// Cotangents of the three angles, whichever way the triangle is oriented
@@ -452,7 +513,7 @@ fn connected_parts(spokes: &[Spoke], first_spoke: &[usize]) -> Vec<u32> {
 /// Deforms a mesh that lies in the xy plane: the vertices nearest to `sources` go to `targets`
 ///
 /// z is kept as it is. Sources that share their nearest vertex pull it to the mean of their targets. Distances
-/// are those in the xy plane; units are the mesh's own.
+/// are those in the xy plane; units are the mesh's own. The weights are [`ArapWeights::Cotangent`].
 ///
 /// # Errors
 /// When the numbers of points differ, the mesh is empty, or a coordinate is not finite.
@@ -493,7 +554,8 @@ pub fn deform_points(
             (same[0].0, sum / same.len() as f64)
         })
         .unzip();
-    let deformation = ArapSolver::new(&rest, &constrained)?.deform(&targets, options);
+    let solver = ArapSolver::with_weights(&rest, &constrained, ArapWeights::Cotangent)?;
+    let deformation = solver.deform(&targets, options);
     let positions = deformation
         .positions
         .iter()
