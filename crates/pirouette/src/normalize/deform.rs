@@ -26,11 +26,6 @@ const HANDLES_PER_BONE: usize = 7;
 /// On the contour itself, a handle a pixel off the true joint would dent the outline.
 const HANDLE_CLEARANCE_PX: f64 = 1.5;
 
-/// Share of the forearm by which handles go on into the hand
-///
-/// The middle of the palm; without, hands swing behind the forearm, farther and the fingers of a bent hand are outside.
-const HAND_SHARE: f64 = 0.35;
-
 /// A line of handles from joint to joint
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HandleBone {
@@ -41,6 +36,14 @@ pub struct HandleBone {
     /// The bone that must be visible for it to count, where only visible ones do
     pub seen_as: Bone,
 }
+
+/// Handles of their own: they turn the head, of which the line to the nose sees only the length in profile
+const FACE: [Joint; 4] = [
+    Joint::LeftEye,
+    Joint::RightEye,
+    Joint::LeftEar,
+    Joint::RightEar,
+];
 
 /// All lines of handles
 pub const HANDLE_BONES: [HandleBone; 16] = {
@@ -128,16 +131,12 @@ pub struct Handles {
     pub targets: Vec<DVec2>,
 }
 
-/// Spreads handles along all bones whose joints are known before and after
+/// Spreads handles along all bones whose joints are known before and after, and over the face
 ///
-/// `used` tells which bones count.
-pub fn handles(
-    from: &JointPositions,
-    to: &JointPositions,
-    used: impl Fn(HandleBone) -> bool,
-) -> Handles {
+/// `used` tells which bones count. Lines that go on into the hand gain nothing: where the hand points is not known.
+pub fn handles(from: &JointPositions, to: &JointPositions, used: impl Fn(Bone) -> bool) -> Handles {
     let mut handles = Handles::default();
-    for bone in HANDLE_BONES.into_iter().filter(|&bone| used(bone)) {
+    for bone in HANDLE_BONES.into_iter().filter(|line| used(line.seen_as)) {
         let ends = |joints: &JointPositions| {
             let (a, b) = (joints[bone.from as usize]?, joints[bone.to as usize]?);
             (a.is_finite() && b.is_finite()).then_some((a, b))
@@ -147,16 +146,19 @@ pub fn handles(
             continue;
         };
         let steps = HANDLES_PER_BONE - 1;
-        let hand = matches!(bone.to, Joint::LeftWrist | Joint::RightWrist);
-        let beyond = if hand {
-            (HAND_SHARE * steps as f64) as usize
-        } else {
-            0
-        };
-        for i in 0..=steps + beyond {
+        for i in 0..=steps {
             let t = i as f64 / steps as f64;
             handles.sources.push(source_a.lerp(source_b, t));
             handles.targets.push(target_a.lerp(target_b, t));
+        }
+    }
+    for joint in FACE.into_iter().filter(|_| used(Bone::Head)) {
+        if let (Some(source), Some(target)) = (from[joint as usize], to[joint as usize])
+            && source.is_finite()
+            && target.is_finite()
+        {
+            handles.sources.push(source);
+            handles.targets.push(target);
         }
     }
     handles

@@ -228,7 +228,7 @@ pub fn normalize(
     let spread = |targets: &JointPositions| -> Handles {
         handles(&sources, targets, |bone| match options.method {
             NormalizeMethod::SharedSkeleton => true,
-            NormalizeMethod::ThreeStep => view.reference.visible[bone.seen_as as usize],
+            NormalizeMethod::ThreeStep => view.reference.visible[bone as usize],
         })
     };
     let first = spread(&aligned);
