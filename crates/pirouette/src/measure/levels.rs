@@ -1,7 +1,6 @@
 //! Heights of the landmarks: where the person's differ from the avatar's, as far as the silhouettes show.
 
 use glam::DVec3;
-use pirouette_geom::TriMesh;
 
 use super::support::{ExpectedTape, SeenView};
 use super::{Girth, Landmark, Measured, Method, Unavailable, expected_tape};
@@ -19,7 +18,7 @@ pub(super) struct Levels {
 }
 
 /// Finds the heights
-pub(super) fn find(body: &TriMesh, avatar: &Avatar, views: &[SeenView]) -> Levels {
+pub(super) fn find(avatar: &Avatar, views: &[SeenView]) -> Levels {
     let avatar_crotch = avatar.landmark(Landmark::Crotch).map(|p| p.y);
     let of_tape = |girth| expected_tape(avatar, girth).map(|tape| tape.center().y);
     let carried =
@@ -28,10 +27,6 @@ pub(super) fn find(body: &TriMesh, avatar: &Avatar, views: &[SeenView]) -> Level
     let waist = of_tape(Girth::Waist);
     let crotch = avatar_crotch.and_then(|expected| part_of_legs(expected, views));
     let hip = of_tape(Girth::Hip);
-    let seat = match (hip, avatar_crotch, waist) {
-        (Some(hip), Some(crotch), Some(waist)) => rearmost(body, hip, crotch, waist),
-        _ => None,
-    };
     let measured = |found: Option<f64>, expected: Option<f64>| match found {
         Some(level) => Measured::of(Ok(level), Method::Silhouettes),
         None => carried(expected),
@@ -40,7 +35,7 @@ pub(super) fn find(body: &TriMesh, avatar: &Avatar, views: &[SeenView]) -> Level
         crotch: measured(crotch, avatar_crotch),
         bust: carried(bust),
         waist: carried(waist),
-        hip: measured(seat, hip),
+        hip: carried(hip),
         crotch_rise_mm: match (crotch, avatar_crotch) {
             (Some(found), Some(expected)) => found - expected,
             _ => 0.0,
@@ -80,25 +75,4 @@ fn part_of_legs(expected: f64, views: &[SeenView]) -> Option<f64> {
     heights.sort_by(f64::total_cmp);
     // The views from front and back show it best; a view from aside shows a lower gap.
     heights.last().copied()
-}
-
-/// Height of the rearmost point of the seat
-fn rearmost(body: &TriMesh, hip: f64, crotch: f64, waist: f64) -> Option<f64> {
-    /// The seat is flat at its end: all that comes this near to the rearmost point counts, in mm
-    const DEPTH_MM: f64 = 2.0;
-    /// Hands hang beside the seat: only the middle of the body counts, as a part of the crotch's height
-    const HALF_WIDTH: f64 = 0.2;
-    let lowest = crotch.max(hip - 80.0);
-    let highest = (hip + 80.0).min((hip + waist) / 2.0 + 20.0);
-    let seat = || {
-        body.positions
-            .iter()
-            .filter(move |p| (lowest..highest).contains(&p.y) && p.x.abs() < HALF_WIDTH * crotch)
-    };
-    let rear = seat().map(|p| p.z).min_by(f64::total_cmp)?;
-    let near: Vec<f64> = seat()
-        .filter(|p| p.z < rear + DEPTH_MM)
-        .map(|p| p.y)
-        .collect();
-    Some(near.iter().sum::<f64>() / near.len() as f64)
 }

@@ -361,7 +361,7 @@ pub fn measure(input: &MeasureInput) -> Measurements {
             SeenView::new(view, expected)
         })
         .collect();
-    let levels = levels::find(input.body, input.avatar, &views);
+    let levels = levels::find(input.avatar, &views);
     let values = Measure::ALL.into_par_iter().map(|measure| {
         let measured = match measure {
             Measure::Stature => lengths::stature(input),
@@ -468,20 +468,28 @@ fn best_level(
         _ => return tape_at(tape, body, views),
     };
     let steps = (LEVEL_SEARCH_MM / LEVEL_STEP_MM) as i32;
-    (-steps..=steps)
+    let tapes: Vec<Taped> = (-steps..=steps)
         .filter_map(|step| {
             let by = tape.normal() * (f64::from(step) * LEVEL_STEP_MM);
             tape_at(&tape.moved(by), body, views)
         })
         .filter(|t| t.method == Method::SupportLines)
+        .collect();
+    // Where outlines are hidden, girths scatter, and the extreme would be the worst of them.
+    const WORST_SD_RATIO: f64 = 1.5;
+    let sd = |t: &Taped| t.sd_mm.unwrap_or(f64::INFINITY);
+    let best_sd = tapes.iter().map(sd).fold(f64::INFINITY, f64::min);
+    tapes
+        .into_iter()
+        .filter(|t| sd(t) <= WORST_SD_RATIO * best_sd)
         .max_by(|a, b| (sign * a.girth_mm).total_cmp(&(sign * b.girth_mm)))
         .or_else(|| tape_at(tape, body, views))
 }
 
 /// Uncertain beyond this part of the girth, support lines lose to the section of the hull
 ///
-/// With half of the outlines hidden, a trunk's girth still has 2 %; one view alone leaves 8 %.
-const MAX_RELATIVE_SD: f64 = 0.06;
+/// With half of the outlines hidden, a trunk's girth still has 2 %; limbs whose breadth alone is seen have 6 %.
+const MAX_RELATIVE_SD: f64 = 0.12;
 
 fn tape_at(tape: &ExpectedTape, body: &TriMesh, views: &[SeenView]) -> Option<Taped> {
     let level_mm = tape.center().y;

@@ -186,6 +186,10 @@ pub(super) struct SupportLine {
 const MAX_EXTENT: f64 = 1.8;
 /// Outlines are looked for from this multiple of the avatar's extent on
 const MIN_EXTENT: f64 = 0.5;
+/// Outlines are looked for at least this far inward and outward, in mm
+///
+/// Wrists are thinner than forearms are misplaced.
+const MIN_REACH_MM: f64 = 30.0;
 
 /// Free background that the avatar must show beyond an outline for it to count, in mm
 ///
@@ -248,7 +252,10 @@ fn find_line(
         let p = inner + outward * t;
         view.outline.at(p.x, p.y)
     };
-    let edge = inner + outward * nearest_edge(at, extent)?;
+    let reach = MIN_REACH_MM * px_per_mm;
+    let least = f64::min(MIN_EXTENT * extent, extent - reach);
+    let most = f64::max(MAX_EXTENT * extent, extent + reach);
+    let edge = inner + outward * nearest_edge(at, least, extent, most)?;
     let (width, height) = (view.camera.width_px as f64, view.camera.height_px as f64);
     let seen = edge.cmpgt(DVec2::splat(1.0)).all() && edge.x < width - 1.0 && edge.y < height - 1.0;
     if !seen {
@@ -287,11 +294,15 @@ fn find_line(
     })
 }
 
-/// Distance from the center at which the silhouette ends, nearest to where it should
-fn nearest_edge(signed_distance: impl Fn(f64) -> f64, expected: f64) -> Option<f64> {
+/// Distance from the center at which the silhouette ends, nearest to where it should; `None` if not in between
+fn nearest_edge(
+    signed_distance: impl Fn(f64) -> f64,
+    least: f64,
+    expected: f64,
+    most: f64,
+) -> Option<f64> {
     /// Steps of the search, in px: thinner gaps than this are no background
     const STEP_PX: f64 = 0.5;
-    let (least, most) = (MIN_EXTENT * expected, MAX_EXTENT * expected);
     let inside = |t: f64| signed_distance(t) < 0.0;
     let (mut inner, mut outer) = if inside(expected) {
         let mut t = expected;
@@ -352,6 +363,9 @@ const SHIFT_SIGMA_MM: f64 = 12.0;
 ///
 /// The first moves the center, the second makes the tape more or less flat, the third pear-shaped.
 const HARMONIC_SIGMAS: [f64; 3] = [0.4, 0.10, 0.03];
+
+/// Least prior of the center, in mm: thin limbs are misplaced by more than their radius
+const CENTER_SIGMA_MM: f64 = 25.0;
 
 /// Prior of the girth itself, as a part of the avatar's: nearly free
 const SIZE_SIGMA: f64 = 0.5;
@@ -438,6 +452,9 @@ impl Problem {
         let mut priors = vec![SIZE_SIGMA * radius];
         for sigma in HARMONIC_SIGMAS {
             priors.extend([sigma * radius; 2]);
+        }
+        for sigma in &mut priors[1..3] {
+            *sigma = sigma.max(CENTER_SIGMA_MM);
         }
         let shifts = priors.len();
         priors.extend(vec![SHIFT_SIGMA_MM; view_count]);
