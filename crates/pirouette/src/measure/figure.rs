@@ -54,7 +54,7 @@ mod tests {
         let small = measure_figure(&figure(1500.0));
         assert_eq!(small.len(), Measure::ALL.len());
         for ((measure, a), (_, b)) in small.iter().zip(measure_figure(&figure(1800.0))) {
-            assert!(b / a > 1.05 && b / a < 1.4, "{measure:?} {a} {b}");
+            assert!(b / a > 1.02 && b / a < 1.4, "{measure:?} {a} {b}");
         }
     }
 }
