@@ -54,7 +54,7 @@ mod tests {
         let small = measure_figure(&figure(1500.0));
         assert_eq!(small.len(), Measure::ALL.len());
         for ((measure, a), (_, b)) in small.iter().zip(measure_figure(&figure(1800.0))) {
-            assert!(b > a && b < 1.4 * a, "{measure:?} {a} {b}");
+            assert!(b > *a && b < 1.4 * a, "{measure:?} {a} {b}");
         }
     }
 }
