@@ -1,0 +1,323 @@
+//! All views at a glance: one column per view, one row per stage.
+
+use pirouette_geom::{Grid, Mask};
+
+use super::canvas::{self, Color, Crop, mix, paste, shrink, tint_box};
+use super::font;
+use crate::scan::Photo;
+use crate::units::TurnAngle;
+
+/// What the sheet shows of one view; what is missing leaves an empty tile
+#[derive(Debug, Clone, Copy)]
+pub struct ContactView<'a> {
+    /// Name of the view
+    pub name: &'a str,
+    /// How far the person has turned
+    pub turn: TurnAngle,
+    /// The photo
+    pub photo: &'a Photo,
+    /// The silhouette as segmented
+    pub mask: Option<&'a Mask>,
+    /// The pose-normalized silhouette
+    pub normalized: Option<&'a Mask>,
+    /// Coverage of the reference at that angle
+    pub reference: Option<&'a Grid<f32>>,
+    /// The reconstructed body at that angle
+    pub body: Option<&'a Photo>,
+}
+
+/// Heights of the rows of a sheet, in px
+const TILE_HEIGHT_PX: usize = 300;
+
+/// A tile is at most this much wider than high
+const MAX_TILE_ASPECT: f64 = 1.6;
+
+/// Views in one band; more views start another band below
+const VIEWS_PER_BAND: usize = 12;
+
+/// Space between tiles, in px
+const GAP_PX: usize = 6;
+
+/// Part of the person's extent that stays visible around it
+const MARGIN: f64 = 0.06;
+
+/// Pixels per dot of the labels
+const TEXT_SCALE: usize = 2;
+
+const PAPER: Color = [250, 250, 250];
+const INK: Color = [40, 44, 52];
+const PALE_INK: Color = [125, 131, 142];
+const FAINT: Color = [228, 230, 234];
+const SILHOUETTE: Color = [60, 66, 78];
+/// Blue and orange differ for every kind of color vision
+const BOTH: Color = [196, 199, 206];
+const ONLY_NORMALIZED: Color = [230, 110, 20];
+const ONLY_REFERENCE: Color = [30, 105, 210];
+
+const ROWS: [&str; 4] = ["photo", "mask", "normalized", "body"];
+
+/// Puts all views on one sheet: photo, mask, normalized silhouette over the reference, body
+///
+/// All tiles show the same part of their pictures, the one where persons are. Pictures of one view may differ in
+/// size. More than twelve views go into several bands; without views the sheet has labels only.
+pub fn contact_sheet(views: &[ContactView]) -> Photo {
+    let crop = common_crop(views);
+    let tile_width = tile_width(views, crop);
+    let label_width = ROWS
+        .iter()
+        .map(|row| canvas::text_size(row, TEXT_SCALE).0)
+        .max()
+        .unwrap_or(0)
+        + 2 * GAP_PX;
+    let line = canvas::text_size("", TEXT_SCALE).1 + GAP_PX;
+    let columns = views.len().clamp(1, VIEWS_PER_BAND);
+    let bands = views.len().div_ceil(VIEWS_PER_BAND).max(1);
+    let band_height = line + ROWS.len() * (TILE_HEIGHT_PX + GAP_PX) + GAP_PX;
+    let legend_width = legend_width() + label_width + GAP_PX;
+    let width = (label_width + columns * (tile_width + GAP_PX)).max(legend_width);
+    let mut sheet = Photo::filled(width, bands * band_height + line + GAP_PX, PAPER);
+
+    for band in 0..bands {
+        let top = GAP_PX + band * band_height + line;
+        for (row, label) in ROWS.iter().enumerate() {
+            let middle = top + row * (TILE_HEIGHT_PX + GAP_PX) + TILE_HEIGHT_PX / 2;
+            canvas::write(&mut sheet, (GAP_PX, middle), label, TEXT_SCALE, INK);
+        }
+    }
+    for (index, view) in views.iter().enumerate() {
+        let left = label_width + index % VIEWS_PER_BAND * (tile_width + GAP_PX);
+        let top = GAP_PX + index / VIEWS_PER_BAND * band_height;
+        let angle = format!("{:.0}°", view.turn.degrees());
+        title(&mut sheet, (left, top), tile_width, view.name, &angle);
+        for (row, tile) in tiles(view, crop, tile_width).into_iter().enumerate() {
+            let corner = (left, top + line + row * (TILE_HEIGHT_PX + GAP_PX));
+            match tile {
+                Some(tile) => paste(&mut sheet, &tile, corner),
+                None => {
+                    let size = (tile_width, TILE_HEIGHT_PX);
+                    tint_box(&mut sheet, corner, size, FAINT, 1.0);
+                }
+            }
+        }
+    }
+    let bottom = bands * band_height + GAP_PX;
+    legend(&mut sheet, (label_width, bottom));
+    sheet
+}
+
+/// Name and angle; a long name loses its end
+fn title(sheet: &mut Photo, (left, top): (usize, usize), width: usize, name: &str, angle: &str) {
+    let wide = |text: &str| canvas::text_size(text, TEXT_SCALE).0;
+    let gap = 5 * TEXT_SCALE;
+    let room = width.saturating_sub(wide(angle) + 2 * gap);
+    let mut shown: String = name.to_owned();
+    if wide(&shown) > room {
+        while !shown.is_empty() && wide(&shown) + wide("..") > room {
+            shown.pop();
+        }
+        shown.push_str("..");
+    }
+    canvas::write(sheet, (left, top), &shown, TEXT_SCALE, INK);
+    let after = left + wide(&shown) + gap;
+    canvas::write(sheet, (after, top), angle, TEXT_SCALE, PALE_INK);
+}
+
+/// The four tiles of a view
+fn tiles(view: &ContactView, crop: Crop, width: usize) -> [Option<Photo>; 4] {
+    let tile = |picture: &Photo| shrink(picture, crop, width, TILE_HEIGHT_PX);
+    let mask = view.mask.map(|mask| {
+        let colored = mask.map(|&inside| if inside { SILHOUETTE } else { [255; 3] });
+        tile(&colored)
+    });
+    [
+        Some(tile(view.photo)),
+        mask,
+        compare(view.normalized, view.reference).map(|picture| tile(&picture)),
+        view.body.map(tile),
+    ]
+}
+
+/// The normalized silhouette over the reference: gray where both are, a color where only one is
+fn compare(normalized: Option<&Mask>, reference: Option<&Grid<f32>>) -> Option<Photo> {
+    let (width, height) = normalized
+        .map(|n| (n.width(), n.height()))
+        .or(reference.map(|r| (r.width(), r.height())))?;
+    Some(Photo::from_fn(width, height, |x, y| {
+        let (column, row) = (x as isize, y as isize);
+        let ours = normalized.is_some_and(|n| n.get(column, row) == Some(&true));
+        let theirs = reference.and_then(|r| r.get(column, row)).copied();
+        let theirs = f64::from(theirs.unwrap_or(0.0));
+        let (without, with) = if ours {
+            (ONLY_NORMALIZED, BOTH)
+        } else {
+            ([255; 3], ONLY_REFERENCE)
+        };
+        let mut color = without;
+        mix(&mut color, with, theirs);
+        color
+    }))
+}
+
+/// The part of the pictures where any silhouette is, with a margin
+fn common_crop(views: &[ContactView]) -> Crop {
+    let mut union: Option<Crop> = None;
+    let boxes = views.iter().flat_map(|view| {
+        let reference = view.reference.map(|coverage| coverage.threshold(0.5));
+        [
+            view.mask.and_then(sized_box),
+            view.normalized.and_then(sized_box),
+            reference.as_ref().and_then(sized_box),
+        ]
+    });
+    for ((x0, y0, x1, y1), (width, height)) in boxes.flatten() {
+        let seen = Crop {
+            left: x0 as f64 / width,
+            top: y0 as f64 / height,
+            right: x1 as f64 / width,
+            bottom: y1 as f64 / height,
+        };
+        union = Some(union.map_or(seen, |u| Crop {
+            left: u.left.min(seen.left),
+            top: u.top.min(seen.top),
+            right: u.right.max(seen.right),
+            bottom: u.bottom.max(seen.bottom),
+        }));
+    }
+    let Some(u) = union else {
+        return Crop::WHOLE;
+    };
+    let (wide, high) = (u.right - u.left, u.bottom - u.top);
+    Crop {
+        left: (u.left - MARGIN * wide).max(0.0),
+        top: (u.top - MARGIN * high).max(0.0),
+        right: (u.right + MARGIN * wide).min(1.0),
+        bottom: (u.bottom + MARGIN * high).min(1.0),
+    }
+}
+
+type PixelBox = (usize, usize, usize, usize);
+
+/// The box of a mask with the mask's own size
+fn sized_box(mask: &Mask) -> Option<(PixelBox, (f64, f64))> {
+    let size = (mask.width() as f64, mask.height() as f64);
+    Some((mask.bounding_box()?, size))
+}
+
+/// Width that keeps the proportions of the first photo's part
+fn tile_width(views: &[ContactView], crop: Crop) -> usize {
+    let aspect = views
+        .iter()
+        .map(|view| view.photo)
+        .find(|photo| photo.width() > 0 && photo.height() > 0)
+        .map_or(1.0, |photo| {
+            let wide = photo.width() as f64 * (crop.right - crop.left);
+            wide / (photo.height() as f64 * (crop.bottom - crop.top))
+        });
+    let aspect = aspect.clamp(1.0 / MAX_TILE_ASPECT.powi(2), MAX_TILE_ASPECT);
+    (TILE_HEIGHT_PX as f64 * aspect).round() as usize
+}
+
+const LEGEND: [(&str, Color); 3] = [
+    ("both", BOTH),
+    ("normalized only", ONLY_NORMALIZED),
+    ("reference only", ONLY_REFERENCE),
+];
+
+/// Side of a legend's color sample, in px
+const SWATCH_PX: usize = font::ASCENT * TEXT_SCALE;
+
+fn legend_width() -> usize {
+    let texts = LEGEND
+        .iter()
+        .map(|(text, _)| canvas::text_size(text, TEXT_SCALE).0);
+    texts.map(|width| width + SWATCH_PX + 4 * GAP_PX).sum()
+}
+
+fn legend(sheet: &mut Photo, (mut left, top): (usize, usize)) {
+    for (text, color) in LEGEND {
+        tint_box(sheet, (left, top), (SWATCH_PX, SWATCH_PX), color, 1.0);
+        left += SWATCH_PX + GAP_PX;
+        canvas::write(sheet, (left, top), text, TEXT_SCALE, INK);
+        left += canvas::text_size(text, TEXT_SCALE).0 + 3 * GAP_PX;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bare<'a>(name: &'a str, photo: &'a Photo) -> ContactView<'a> {
+        ContactView {
+            name,
+            turn: TurnAngle::from_degrees(45.0),
+            photo,
+            mask: None,
+            normalized: None,
+            reference: None,
+            body: None,
+        }
+    }
+
+    #[test]
+    fn comparing_colors_tell_who_covers_what() {
+        let normalized = Mask::from_art("##..");
+        let reference = Grid::from_vec(4, 1, vec![1.0, 0.0, 1.0, 0.0]);
+        let picture = compare(Some(&normalized), Some(&reference)).unwrap();
+        let expected = [BOTH, ONLY_NORMALIZED, ONLY_REFERENCE, [255; 3]];
+        assert_eq!(picture.as_slice(), expected);
+        assert!(compare(None, None).is_none());
+    }
+
+    #[test]
+    fn tiles_show_the_part_with_persons() {
+        let mask = Mask::from_fn(100, 200, |x, y| {
+            (40..60).contains(&x) && (50..150).contains(&y)
+        });
+        let photo = Photo::filled(100, 200, [7; 3]);
+        let view = ContactView {
+            mask: Some(&mask),
+            ..bare("a", &photo)
+        };
+        let crop = common_crop(&[view]);
+        assert!((crop.left - 0.388).abs() < 1e-9 && (crop.bottom - 0.78).abs() < 1e-9);
+        let [photo, mask, normalized, body] = tiles(&view, crop, tile_width(&[view], crop));
+        assert_eq!(photo.unwrap().height(), TILE_HEIGHT_PX);
+        let mask = mask.unwrap();
+        assert_eq!(mask[(mask.width() / 2, mask.height() / 2)], SILHOUETTE);
+        assert_eq!(mask[(1, 1)], [255; 3]);
+        assert!(normalized.is_none() && body.is_none());
+    }
+
+    #[test]
+    fn sheets_of_any_number_of_views_hold_all_tiles() {
+        let photo = Photo::filled(80, 100, [200, 10, 10]);
+        let one = contact_sheet(&[bare("000", &photo)]);
+        let many = contact_sheet(&vec![bare("a very long name of a view", &photo); 30]);
+        assert!(many.height() > 2 * one.height() && many.width() > 5 * 240);
+        let red = |sheet: &Photo| {
+            let pixels = sheet.as_slice().iter();
+            pixels.filter(|&&pixel| pixel == [200, 10, 10]).count()
+        };
+        assert_eq!(red(&one), 240 * 300);
+        assert_eq!(red(&many), 30 * 240 * 300);
+        assert!(contact_sheet(&[]).width() > 0);
+    }
+
+    #[test]
+    fn empty_photos_and_masks_do_not_break_it() {
+        let nothing = Photo::filled(0, 0, [0; 3]);
+        let dot = Photo::filled(1, 1, [0; 3]);
+        let empty = Mask::filled(3, 3, false);
+        let flat = Photo::filled(1000, 1, [0; 3]);
+        let views = [
+            bare("", &nothing),
+            ContactView {
+                mask: Some(&empty),
+                normalized: Some(&empty),
+                ..bare("漢字", &dot)
+            },
+            bare("flat", &flat),
+        ];
+        assert!(contact_sheet(&views).width() > 0);
+    }
+}
