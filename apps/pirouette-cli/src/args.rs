@@ -286,7 +286,7 @@ Examples:
   pirouette demo --pose t --views 12 --method three-step";
 
 const SEGMENT_HELP: &str = "\
-Writes result.json and, per view, mask.png and view.json.
+Writes result.json and, per view, mask.png, overlay.jpg and view.json.
 
 Examples:
   pirouette segment photos/anna -o anna

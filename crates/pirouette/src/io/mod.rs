@@ -8,6 +8,7 @@ pub mod manifest;
 pub mod mesh;
 pub mod openpose;
 pub mod photo;
+mod pictures;
 pub mod points;
 pub mod results;
 pub mod scan_folder;

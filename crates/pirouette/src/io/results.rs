@@ -15,11 +15,12 @@ use crate::avatar::ReferencePose;
 use crate::bundle::{Bundle, Scale};
 use crate::io::atomic::{WriteError, make_folder, write_whole};
 use crate::io::mesh::MeshFormat;
-use crate::io::photo::{encode_mask, resample};
+use crate::io::photo::{encode_jpeg, encode_mask, resample};
+use crate::io::pictures::{write_contact_sheet, write_overlay};
 use crate::io::scan_folder::LoadedScan;
 use crate::normalize::{JointPositions, LimbRefinement, Registration};
 use crate::pipeline::{Goal, Method, Report, ViewReport, Warning};
-use crate::scan::View;
+use crate::scan::{Photo, View};
 use crate::skeleton::{Bone, Joint};
 
 /// Why results could not be written
@@ -36,7 +37,18 @@ pub enum ResultError {
         /// What the encoder says
         source: image::ImageError,
     },
+    /// A photo that the encoder refuses
+    #[error("cannot make {}: {source}", file.display())]
+    Jpeg {
+        /// The file
+        file: PathBuf,
+        /// What the encoder says
+        source: jpeg_encoder::EncodingError,
+    },
 }
+
+/// Quality of the pictures, 1 to 100
+const JPEG_QUALITY: u8 = 88;
 
 /// Writes all that a report holds into a result folder, the body in all given formats
 ///
@@ -54,6 +66,9 @@ pub fn write_results(
         .views
         .par_iter()
         .try_for_each(|view| write_view(folder, loaded, report, view))?;
+    if !report.views.is_empty() {
+        write_contact_sheet(&folder.join("contact.jpg"), loaded, report)?;
+    }
     if let Some(body) = &report.body {
         for format in formats {
             let file = folder.join(format!("body.{}", format.extension()));
@@ -84,6 +99,12 @@ fn write_view(
         let mask = in_input_size(view, &normalized.mask, &normalized.soft);
         write_mask(&folder.join("normalized.png"), &mask)?;
     }
+    write_overlay(
+        &folder.join("overlay.jpg"),
+        view,
+        report.bundle.as_ref(),
+        found,
+    )?;
     let value = view_value(view, report.bundle.as_ref(), found);
     write_json(&folder.join("view.json"), &value)
 }
@@ -104,6 +125,14 @@ fn write_mask(file: &Path, mask: &Mask) -> Result<(), ResultError> {
         source,
     })?;
     Ok(write_whole(file, &png)?)
+}
+
+pub(super) fn write_jpeg(file: &Path, picture: &Photo) -> Result<(), ResultError> {
+    let jpeg = encode_jpeg(picture, JPEG_QUALITY).map_err(|source| ResultError::Jpeg {
+        file: file.to_owned(),
+        source,
+    })?;
+    Ok(write_whole(file, &jpeg)?)
 }
 
 fn write_json(file: &Path, value: &Value) -> Result<(), ResultError> {
