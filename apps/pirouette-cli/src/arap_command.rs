@@ -40,8 +40,7 @@ pub fn run(args: &ArapArgs, output: Output) -> Result<()> {
             source.len()
         ),
         || json!({ "ok": true, "out": args.out, "vertices": deformed.positions.len() }),
-    );
-    Ok(())
+    )
 }
 
 fn read(file: &Path) -> Result<Vec<u8>> {

@@ -37,8 +37,7 @@ pub fn run(args: &AvatarArgs, output: Output) -> Result<()> {
             args.out.display()
         ),
         || json!({ "ok": true, "out": args.out, "stature_mm": stature_mm, "vertices": vertices }),
-    );
-    Ok(())
+    )
 }
 
 /// What a file holds, by its ending

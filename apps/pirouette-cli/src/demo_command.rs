@@ -59,8 +59,7 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
         let mut value = done.json(&args.out);
         value["truth_mm"] = Value::Object(truth);
         value
-    });
-    Ok(())
+    })
 }
 
 /// A person of other sex and build than the reference

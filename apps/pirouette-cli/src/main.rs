@@ -51,13 +51,9 @@ fn run(cli: &Cli, output: Output) -> Result<()> {
         Command::Avatar(args) => avatar_command::run(args, output),
         Command::Arap(args) => arap_command::run(args, output),
         Command::Completions { shell } => {
-            clap_complete::generate(
-                *shell,
-                &mut Cli::command(),
-                "pirouette",
-                &mut std::io::stdout(),
-            );
-            Ok(())
+            let mut script = Vec::new();
+            clap_complete::generate(*shell, &mut Cli::command(), "pirouette", &mut script);
+            output::print(&script)
         }
     }
 }
@@ -77,7 +73,7 @@ fn one_line(error: &anyhow::Error) -> String {
     line.replace('\n', " ")
 }
 
-/// A request to stop that Ctrl-C makes; what is being written is written to its end
+/// A request to stop that Ctrl-C makes, or a closed terminal; what is being written is written to its end
 fn cancel_on_interrupt() -> Result<CancelToken> {
     let cancel = CancelToken::default();
     let handler = cancel.clone();

@@ -1,7 +1,8 @@
 //! What goes to standard output: text for people, or one line for programs.
 
-use std::io::Write;
+use std::io::{self, Write};
 
+use anyhow::{Context, Result};
 use serde_json::Value;
 
 /// Who reads standard output
@@ -26,23 +27,31 @@ impl Output {
     }
 
     /// Prints the result of a run
-    pub fn done(self, text: &str, json: impl FnOnce() -> Value) {
+    pub fn done(self, text: &str, json: impl FnOnce() -> Value) -> Result<()> {
         match self {
-            Output::Text => print_line(text),
-            Output::Json => print_line(&json().to_string()),
-            Output::Quiet => {}
+            Output::Text => print(format!("{text}\n").as_bytes()),
+            Output::Json => print(format!("{}\n", json()).as_bytes()),
+            Output::Quiet => Ok(()),
         }
     }
 
     /// Prints the failure of a run, for programs; people read standard error
     pub fn failed(self, message: &str) {
         if self == Output::Json {
-            print_line(&serde_json::json!({ "ok": false, "error": message }).to_string());
+            let line = serde_json::json!({ "ok": false, "error": message });
+            // The failure itself was told already; more cannot be done.
+            let _ = print(format!("{line}\n").as_bytes());
         }
     }
 }
 
-/// Prints a line; a reader that went away is no error of ours
-fn print_line(line: &str) {
-    let _ = writeln!(std::io::stdout(), "{line}");
+/// Writes to standard output; a reader that went away is no error of ours
+pub fn print(bytes: &[u8]) -> Result<()> {
+    let mut out = io::stdout().lock();
+    match out.write_all(bytes).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(error).context("cannot write to standard output")
+        }
+        _ => Ok(()),
+    }
 }

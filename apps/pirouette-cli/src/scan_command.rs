@@ -28,8 +28,7 @@ pub fn run(
     let done = scan_folder(&args.scan, &args.out, &config, &formats, &progress, cancel);
     progress.finish();
     let done = done?;
-    output.done(&done.summary(&args.out), || done.json(&args.out));
-    Ok(())
+    output.done(&done.summary(&args.out), || done.json(&args.out))
 }
 
 /// The library's configuration for what the command line says
@@ -103,9 +102,13 @@ impl Done {
     /// One machine-readable line
     pub fn json(&self, out: &Path) -> Value {
         let mut value = json!({ "ok": true, "out": out });
-        if let Value::Object(result) = result_value(&self.loaded, self.load_seconds, &self.report) {
-            for (key, entry) in result {
-                value[key] = entry;
+        let result = result_value(&self.loaded, self.load_seconds, &self.report);
+        let measurements = self.report.measurements.as_ref();
+        for part in [Some(result), measurements.map(|m| json!(m))] {
+            if let Some(Value::Object(part)) = part {
+                for (key, entry) in part {
+                    value[key] = entry;
+                }
             }
         }
         value

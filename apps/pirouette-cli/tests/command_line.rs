@@ -60,6 +60,42 @@ fn completions_are_printed_for_each_shell() {
     }
 }
 
+/// Nothing may be lost silently, whichever command prints
+#[cfg(target_os = "linux")]
+#[test]
+fn standard_output_that_is_full_is_one_clear_error() {
+    let folders = Folders::empty();
+    let file = folders.path("a.off");
+    for args in [&["completions", "bash"][..], &["avatar", "-o", text(&file)]] {
+        let full = std::fs::OpenOptions::new()
+            .write(true)
+            .open("/dev/full")
+            .unwrap();
+        let output = std::process::Command::new(assert_cmd::cargo::cargo_bin("pirouette"))
+            .args(args)
+            .stdout(full)
+            .output()
+            .unwrap();
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{error}");
+        assert_eq!(error.lines().count(), 1, "{error}");
+        assert!(error.contains("standard output"), "{error}");
+    }
+}
+
+#[test]
+fn a_folder_that_is_missing_for_the_output_is_named() {
+    let folders = Folders::empty();
+    let out = folders.path("none/a.png");
+    let error = pirouette(&["avatar", "-o", text(&out)])
+        .exits_with(1)
+        .stderr();
+    assert!(
+        error.contains("there is no folder") && error.contains("make it first"),
+        "{error}"
+    );
+}
+
 const SQUARE: &str = "OFF\n5 4 0\n0 0 0\n10 0 0\n10 10 0\n0 10 0\n5 5 0\n\
     3 0 1 4\n3 1 2 4\n3 2 3 4\n3 3 0 4\n";
 

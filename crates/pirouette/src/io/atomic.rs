@@ -10,12 +10,20 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum WriteError {
     /// The folder cannot be made
-    #[error("cannot make the folder {}: {source}", folder.display())]
+    #[error("cannot make the folder {}: {source}{}", folder.display(), remedy(source))]
     Folder {
         /// The folder
         folder: PathBuf,
         /// What the system says
         source: io::Error,
+    },
+    /// Nowhere to write to
+    #[error("cannot write {}: there is no folder {}; make it first", file.display(), folder.display())]
+    NoFolder {
+        /// The file
+        file: PathBuf,
+        /// The folder that is missing
+        folder: PathBuf,
     },
     /// No room, or not allowed
     #[error("cannot write {}: {source}{}", file.display(), remedy(source))]
@@ -34,6 +42,9 @@ fn remedy(error: &io::Error) -> &'static str {
             "; make room and run again, nothing partial was left behind"
         }
         PermissionDenied | ReadOnlyFilesystem => "; choose another folder with -o",
+        AlreadyExists | NotADirectory => {
+            "; a file stands where a folder is needed, choose another folder with -o"
+        }
         _ => "",
     }
 }
@@ -65,11 +76,11 @@ pub fn write_with(
     file: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), WriteError> {
+    let folder = match file.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
     let attempt = || -> io::Result<()> {
-        let folder = match file.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
         let mut temporary = temporary_in(folder)?;
         {
             let mut buffered = io::BufWriter::new(temporary.as_file_mut());
@@ -81,9 +92,13 @@ pub fn write_with(
         temporary.persist(file).map_err(|error| error.error)?;
         Ok(())
     };
-    attempt().map_err(|source| WriteError::File {
-        file: file.to_owned(),
-        source,
+    attempt().map_err(|source| {
+        let file = file.to_owned();
+        if source.kind() == io::ErrorKind::NotFound && !folder.exists() {
+            let folder = folder.to_owned();
+            return WriteError::NoFolder { file, folder };
+        }
+        WriteError::File { file, source }
     })
 }
 
@@ -96,10 +111,17 @@ fn temporary_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
         use std::os::unix::fs::PermissionsExt;
         // Less what the umask takes away; a temporary file alone would be for the owner only.
         builder.permissions(fs::Permissions::from_mode(0o666));
-        builder.tempfile_in(folder)
     }
-    #[cfg(not(unix))]
-    builder.tempfile_in(folder)
+    builder.tempfile_in(folder).map_err(without_path)
+}
+
+/// The error without the temporary name that comes along, which helps nobody, where the kind tells enough
+fn without_path(error: io::Error) -> io::Error {
+    if remedy(&error).is_empty() {
+        error
+    } else {
+        error.kind().into()
+    }
 }
 
 #[cfg(test)]
@@ -142,5 +164,18 @@ mod tests {
         fs::write(&file, b"").unwrap();
         let error = make_folder(&file.join("out")).unwrap_err();
         assert!(matches!(error, WriteError::Folder { .. }));
+        assert!(error.to_string().contains("choose another"), "{error}");
+    }
+
+    #[test]
+    fn a_folder_that_is_missing_is_named_and_no_temporary_name_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = write_whole(&folder.path().join("none/a.txt"), b"").unwrap_err();
+        assert!(matches!(error, WriteError::NoFolder { .. }));
+        let file = folder.path().join("a");
+        fs::write(&file, b"").unwrap();
+        let message = write_whole(&file.join("b"), b"").unwrap_err().to_string();
+        assert!(message.contains("choose another"), "{message}");
+        assert!(!message.contains(".part"), "{message}");
     }
 }
