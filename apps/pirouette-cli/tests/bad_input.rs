@@ -40,6 +40,16 @@ fn a_view_without_keypoints_is_left_out() {
 }
 
 #[test]
+fn a_view_whose_keypoint_file_is_misspelled_is_left_out() {
+    let reason = reason_for_leaving_out(|folders| {
+        let from = folders.path("scan/001_keypoints.json");
+        std::fs::rename(from, folders.path("scan/001_keypoint.json")).unwrap();
+    });
+    assert!(reason.contains("no 001_keypoints.json"), "{reason}");
+    assert!(reason.contains("name in scan.json"), "{reason}");
+}
+
+#[test]
 fn a_view_where_nobody_was_found_is_left_out() {
     let reason = reason_for_leaving_out(|folders| {
         folders.write("scan/001_keypoints.json", r#"{"version":1.3,"people":[]}"#);
@@ -133,6 +143,64 @@ fn a_folder_that_is_none_is_named() {
     assert!(run.stderr().contains("no photos in"), "{}", run.stderr());
     let run = common::pirouette(&["scan", "nowhere/at/all"]).exits_with(1);
     assert!(run.stderr().contains("nowhere/at/all"), "{}", run.stderr());
+}
+
+#[test]
+fn paths_may_not_leave_the_scan_folder() {
+    let folders = Folders::with_views(3);
+    std::fs::copy(folders.path("scan/001.jpg"), folders.path("outside.jpg")).unwrap();
+    let manifest = std::fs::read_to_string(folders.path("scan/scan.json")).unwrap();
+    let absolute = folders.path("outside.jpg");
+    for path in ["../outside.jpg", common::text(&absolute)] {
+        let leaving = manifest.replace("\"001.jpg\"", &format!("{path:?}"));
+        assert_ne!(leaving, manifest);
+        folders.write("scan/scan.json", leaving);
+        let error = folders.run("scan", &[]).exits_with(1).stderr();
+        assert_eq!(error.lines().count(), 1, "{error}");
+        assert!(error.contains("views[1].image"), "{error}");
+        assert!(error.contains("outside.jpg"), "{error}");
+    }
+    assert!(!folders.out().exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn links_may_not_leave_the_scan_folder() {
+    let folders = Folders::with_views(3);
+    let photo = folders.path("scan/001.jpg");
+    std::fs::rename(&photo, folders.path("outside.jpg")).unwrap();
+    std::os::unix::fs::symlink(folders.path("outside.jpg"), photo).unwrap();
+    let error = folders.run("scan", &[]).exits_with(1).stderr();
+    assert_eq!(error.lines().count(), 1, "{error}");
+    assert!(
+        error.contains("001.jpg leads out") && error.contains("copy the file"),
+        "{error}"
+    );
+    assert!(!folders.out().exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_folder_without_the_right_to_read_is_named() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let folders = Folders::with_views(3);
+    let set = |mode| {
+        let rights = std::fs::Permissions::from_mode(mode);
+        std::fs::set_permissions(folders.scan(), rights).unwrap();
+    };
+    set(0o000);
+    // Rights do not bind the superuser.
+    let refused = std::fs::read_dir(folders.scan()).is_err();
+    let run = folders.run("scan", &["--quiet"]);
+    set(0o755);
+    if refused {
+        let error = run.exits_with(1).stderr();
+        assert_eq!(error.lines().count(), 1, "{error}");
+        assert!(error.contains("cannot read"), "{error}");
+        assert!(error.contains(common::text(&folders.scan())), "{error}");
+        assert!(!folders.out().exists());
+    }
 }
 
 #[test]

@@ -47,6 +47,8 @@ pub struct DecodedPhoto {
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum PhotoError {
+    #[error("the file is empty; copy it again")]
+    Empty,
     #[error("neither a JPEG, PNG nor WebP file; convert it to one of these")]
     UnknownFormat,
     #[error("HEIC files are not read; export the photo as JPEG")]
@@ -61,7 +63,9 @@ pub enum PhotoError {
         "{width_px} x {height_px} px are too few; both sides need at least {MIN_PHOTO_SIDE_PX} px"
     )]
     TooSmall { width_px: usize, height_px: usize },
-    #[error("the photo is one color all over (gray levels {darkest} to {brightest})")]
+    #[error(
+        "the photo is one color all over (gray levels {darkest} to {brightest}); take it again"
+    )]
     Blank { darkest: u8, brightest: u8 },
 }
 
@@ -136,6 +140,9 @@ fn first_level_beyond(
 }
 
 fn decode(bytes: &[u8]) -> Result<(DynamicImage, Option<Vec<u8>>), PhotoError> {
+    if bytes.is_empty() {
+        return Err(PhotoError::Empty);
+    }
     let mut reader = ImageReader::new(Cursor::new(bytes));
     let format = match image::guess_format(bytes) {
         Ok(format @ (ImageFormat::Jpeg | ImageFormat::Png | ImageFormat::WebP)) => format,
@@ -454,7 +461,11 @@ mod tests {
 
     #[test]
     fn other_files_are_told_by_name() {
-        assert!(matches!(decode_photo(b""), Err(PhotoError::UnknownFormat)));
+        assert!(matches!(decode_photo(b""), Err(PhotoError::Empty)));
+        assert!(matches!(
+            decode_photo(b"text"),
+            Err(PhotoError::UnknownFormat)
+        ));
         assert!(matches!(
             decode_photo(b"GIF89a\x01\0\x01\0\0"),
             Err(PhotoError::UnknownFormat)

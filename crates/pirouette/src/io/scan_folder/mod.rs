@@ -64,6 +64,9 @@ const PHOTO_ENDINGS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
 /// Ends of the names of images that are no photos: masks, OpenPose's own pictures
 const NO_PHOTO_ENDS: [&str; 2] = ["_mask", "_rendered"];
 
+/// Stem of an image that is no photo: the contact sheet, where results went into the scan folder
+const NO_PHOTO_STEM: &str = "contact";
+
 /// What was found in a scan folder
 #[derive(Debug)]
 pub struct LoadedScan {
@@ -117,6 +120,8 @@ pub enum ScanError {
 pub enum ViewError {
     #[error("cannot read {file}: {source}")]
     Read { file: String, source: io::Error },
+    #[error("there is no {file} in the scan folder; add it, or mend its name in scan.json")]
+    Missing { file: String },
     #[error("{file}: {source}")]
     Photo { file: String, source: PhotoError },
     #[error("{file}: {source}")]
@@ -128,7 +133,9 @@ pub enum ViewError {
         "no keypoints: there is no {file} beside the photo or in keypoints/ (OpenPose JSON, BODY_25)"
     )]
     NoKeypointFile { file: String },
-    #[error("no keypoints: {file} holds nobody")]
+    #[error(
+        "no keypoints: {file} holds nobody; detect again in a clearer photo, or give a mask in scan.json"
+    )]
     Nobody { file: String },
     #[error(
         "{file} has {mask_width} x {mask_height} px, but the photo {photo_width} x {photo_height} px"
@@ -382,7 +389,7 @@ fn find_photos(
     files.sort_by(|a, b| natural_order(a, b));
     let (ignored, photos): (Vec<_>, Vec<_>) = files.into_iter().partition(|name| {
         let stem = manifest::stem(name);
-        NO_PHOTO_ENDS.iter().any(|end| stem.ends_with(end))
+        stem == NO_PHOTO_STEM || NO_PHOTO_ENDS.iter().any(|end| stem.ends_with(end))
     });
     for file in ignored {
         warnings.push(ScanWarning::ImageIgnored { file });
@@ -491,9 +498,12 @@ fn load_view(
 }
 
 fn read_file(folder: &Folder, file: &str, limit: u64) -> Result<Vec<u8>, ViewError> {
-    folder.read(file, limit).map_err(|source| ViewError::Read {
-        file: file.to_owned(),
-        source,
+    folder.read(file, limit).map_err(|source| {
+        let file = file.to_owned();
+        match source.kind() {
+            io::ErrorKind::NotFound => ViewError::Missing { file },
+            _ => ViewError::Read { file, source },
+        }
     })
 }
 

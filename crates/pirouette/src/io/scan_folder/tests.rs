@@ -47,7 +47,9 @@ fn a_bare_folder_is_an_even_turn_in_name_order() {
         .photo("10.png", 40, 50)
         .photo("2.png", 40, 50)
         .photo("1.png", 40, 50);
-    folder.photo("2_mask.png", 40, 50);
+    folder
+        .photo("2_mask.png", 40, 50)
+        .photo("contact.jpg", 90, 50);
     folder.photo("11.png", 40, 50).write("notes.txt", "");
     folder
         .keypoints("1_keypoints.json")
@@ -61,10 +63,9 @@ fn a_bare_folder_is_an_even_turn_in_name_order() {
     assert_eq!(names, ["1", "2", "10", "11"]);
     assert!((views[3].turn.degrees() - 270.0).abs() < 1e-9);
     assert!(loaded.failed.is_empty());
-    let ignored = ScanWarning::ImageIgnored {
-        file: "2_mask.png".into(),
-    };
-    assert_eq!(loaded.warnings, [ignored]);
+    let ignored =
+        ["2_mask.png", "contact.jpg"].map(|file| ScanWarning::ImageIgnored { file: file.into() });
+    assert_eq!(loaded.warnings, ignored);
 }
 
 #[test]
