@@ -95,6 +95,10 @@ pub struct ScanArgs {
         default_value = "ply"
     )]
     pub format: Vec<Format>,
+
+    /// Write report.html too: all results on one page that needs no other file
+    #[arg(long)]
+    pub report: bool,
 }
 
 /// How the job is done
@@ -155,6 +159,10 @@ pub struct DemoArgs {
     /// How the person stands
     #[arg(long, value_enum, default_value_t = Pose::A)]
     pub pose: Pose,
+
+    /// Write report.html too: all results on one page that needs no other file
+    #[arg(long)]
+    pub report: bool,
 
     #[command(flatten)]
     pub method: MethodArgs,
@@ -273,7 +281,7 @@ An optional scan.json tells more; every key but `image` may be left out:
 
 Examples:
   pirouette scan photos/anna
-  pirouette scan photos/anna -o anna --format ply,glb
+  pirouette scan photos/anna -o anna --format ply,glb --report
   pirouette scan photos/anna --method three-step --no-refine
   pirouette scan photos/anna --avatar me.vrm --json | jq .measurements_mm";
 

@@ -9,6 +9,7 @@ use pirouette::avatar::{Avatar, ReferencePose};
 use pirouette::io::atomic::{make_folder, write_whole};
 use pirouette::io::mesh::MeshFormat;
 use pirouette::io::photo::encode_mask;
+use pirouette::io::results::ResultOptions;
 use pirouette::io::scan_folder::write_scan;
 use pirouette::measure::{Measure, Measurements, measure_figure};
 use pirouette::pipeline::{CancelToken, Goal};
@@ -46,8 +47,11 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
     let scan = args.out.join("scan");
     write_scan(&scan, &synthetic.scan).context("cannot write the rendered scan")?;
     write_truth(&scan.join("truth"), &synthetic, &truth)?;
-    let formats = [MeshFormat::Ply, MeshFormat::Glb];
-    let done = scan_folder(&scan, &args.out, &config, &formats, &progress, cancel);
+    let options = ResultOptions {
+        formats: &[MeshFormat::Ply, MeshFormat::Glb],
+        page_title: args.report.then_some("a rendered person"),
+    };
+    let done = scan_folder(&scan, &args.out, &config, &options, &progress, cancel);
     progress.finish();
     let done = done?;
     let measured = done.report.measurements.as_ref();

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use pirouette::io::mesh::MeshFormat;
-use pirouette::io::results::{result_value, write_results};
+use pirouette::io::results::{ResultOptions, result_value, write_results};
 use pirouette::io::scan_folder::{LoadOptions, LoadedScan, load_scan};
 use pirouette::pipeline::{self, AvatarSource, CancelToken, Config, Event, Goal, Report, Stage};
 use serde_json::{Value, json};
@@ -25,7 +25,12 @@ pub fn run(
     let progress = Progress::new(quiet);
     let config = config(&args.method, goal)?;
     let formats: Vec<MeshFormat> = args.format.iter().map(|format| format.of_mesh()).collect();
-    let done = scan_folder(&args.scan, &args.out, &config, &formats, &progress, cancel);
+    let title = title(&args.scan);
+    let options = ResultOptions {
+        formats: &formats,
+        page_title: args.report.then_some(title.as_str()),
+    };
+    let done = scan_folder(&args.scan, &args.out, &config, &options, &progress, cancel);
     progress.finish();
     let done = done?;
     output.done(&done.summary(&args.out), || done.json(&args.out))
@@ -49,6 +54,13 @@ pub fn config(args: &MethodArgs, goal: Goal) -> Result<Config> {
     Ok(config)
 }
 
+/// What a scan is called: the name of its folder
+fn title(scan: &Path) -> String {
+    let full = scan.canonicalize().unwrap_or_else(|_| scan.to_owned());
+    let name = full.file_name().unwrap_or(full.as_os_str());
+    name.to_string_lossy().into_owned()
+}
+
 /// A finished job
 pub struct Done {
     pub loaded: LoadedScan,
@@ -61,7 +73,7 @@ pub fn scan_folder(
     scan: &Path,
     out: &Path,
     config: &Config,
-    formats: &[MeshFormat],
+    results: &ResultOptions,
     progress: &Progress,
     cancel: &CancelToken,
 ) -> Result<Done> {
@@ -90,7 +102,7 @@ pub fn scan_folder(
         progress.show(&event);
     })
     .with_context(|| scan.display().to_string())?;
-    write_results(out, &loaded, load_seconds, &report, formats)?;
+    write_results(out, &loaded, load_seconds, &report, results)?;
     Ok(Done {
         loaded,
         load_seconds,

@@ -47,6 +47,7 @@ fn scan_writes_the_whole_result_folder() {
         );
     }
     assert!(view["registration"].is_null());
+    assert!(!folders.out().join("report.html").exists());
 }
 
 #[test]
@@ -96,6 +97,43 @@ fn segment_finds_the_silhouettes() {
         3
     );
     assert!(!folders.out().join("body.ply").exists());
+}
+
+/// A page that needs nothing else and takes no name for HTML
+#[cfg(unix)]
+#[test]
+fn the_report_stands_alone_and_escapes_names() {
+    let folders = Folders::with_views(4);
+    for ending in [".jpg", "_keypoints.json"] {
+        let from = folders.path(&format!("scan/000{ending}"));
+        let to = folders.path(&format!("scan/<img src=x>&'\"{ending}"));
+        std::fs::rename(from, to).unwrap();
+    }
+    folders.write("scan/002.jpg", "no photo");
+    std::fs::remove_file(folders.path("scan/scan.json")).unwrap();
+    folders.run("scan", &["--report"]).exits_with(0);
+    let html = std::fs::read_to_string(folders.out().join("report.html")).unwrap();
+    assert!(html.contains("&lt;img src=x&gt;&amp;&#39;&quot;"));
+    assert!(!html.contains("<img src=x"));
+    // The contact sheet and three views
+    let pictures: Vec<&str> = html.split(" src=\"").skip(1).collect();
+    assert_eq!(pictures.len(), 4);
+    for picture in pictures {
+        assert!(picture.starts_with("data:image/jpeg;base64,"));
+    }
+    for outside in ["http:", "https:", "url(", "<link", "<script", "href="] {
+        assert!(!html.contains(outside), "{outside}");
+    }
+    for told in [
+        "<h1>scan</h1>",
+        "hip girth",
+        "view 002 is left out",
+        "the stature is unknown",
+        "distance to the turning axis",
+        "<th>carve</th>",
+    ] {
+        assert!(html.contains(told), "{told}");
+    }
 }
 
 #[test]

@@ -7,6 +7,7 @@ pub mod atomic;
 pub mod manifest;
 pub mod mesh;
 pub mod openpose;
+mod page;
 pub mod photo;
 mod pictures;
 pub mod points;

@@ -1,11 +1,8 @@
 //! The pictures of a result folder: an overlay per view, and the contact sheet.
 
-use std::path::Path;
-
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::results::{ResultError, write_jpeg};
 use crate::avatar::render;
 use crate::bundle::Bundle;
 use crate::camera::Camera;
@@ -19,33 +16,23 @@ use crate::scan::{Photo, View};
 const BODY_SCALE: f64 = 0.4;
 
 /// Draws what was known and found over the photo of one view
-pub(super) fn write_overlay(
-    file: &Path,
-    view: &View,
-    bundle: Option<&Bundle>,
-    found: &ViewReport,
-) -> Result<(), ResultError> {
+pub(super) fn draw_overlay(view: &View, bundle: Option<&Bundle>, found: &ViewReport) -> Photo {
     let target = bundle.map(|bundle| {
         let (pose, turn) = (&bundle.poses[found.index], bundle.turns[found.index]);
         let camera = &bundle.cameras[found.index];
         shared_skeleton_joints(&bundle.avatar, pose, turn, camera).reference
     });
-    let picture = overlay(&OverlayInput {
+    overlay(&OverlayInput {
         photo: &view.photo,
         seeds: found.silhouette.seeds.as_ref(),
         silhouette: Some(&found.silhouette.soft),
         detected: &view.keypoints,
         target: target.as_ref(),
-    });
-    write_jpeg(file, &picture)
+    })
 }
 
 /// Draws all views side by side: photo, mask, normalized over reference, body at that angle
-pub(super) fn write_contact_sheet(
-    file: &Path,
-    loaded: &LoadedScan,
-    report: &Report,
-) -> Result<(), ResultError> {
+pub(super) fn draw_contact_sheet(loaded: &LoadedScan, report: &Report) -> Photo {
     let drawn: Vec<_> = report
         .views
         .par_iter()
@@ -84,8 +71,7 @@ pub(super) fn write_contact_sheet(
             }
         })
         .collect();
-    let sheet: Photo = contact_sheet(&views);
-    write_jpeg(file, &sheet)
+    contact_sheet(&views)
 }
 
 fn turned(positions: &[DVec3], turn: crate::units::TurnAngle) -> Vec<DVec3> {

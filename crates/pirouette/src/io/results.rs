@@ -15,8 +15,9 @@ use crate::avatar::ReferencePose;
 use crate::bundle::{Bundle, Scale};
 use crate::io::atomic::{WriteError, make_folder, write_whole};
 use crate::io::mesh::MeshFormat;
-use crate::io::photo::{encode_jpeg, encode_mask, resample};
-use crate::io::pictures::{write_contact_sheet, write_overlay};
+use crate::io::page::{Page, PageView, write_page};
+use crate::io::photo::{encode_jpeg, encode_mask, resample, shrink};
+use crate::io::pictures::{draw_contact_sheet, draw_overlay};
 use crate::io::scan_folder::LoadedScan;
 use crate::normalize::{JointPositions, LimbRefinement, Registration};
 use crate::pipeline::{Goal, Method, Report, ViewReport, Warning};
@@ -50,7 +51,19 @@ pub enum ResultError {
 /// Quality of the pictures, 1 to 100
 const JPEG_QUALITY: u8 = 88;
 
-/// Writes all that a report holds into a result folder, the body in all given formats
+/// Longer side of the overlays on the page, in px: with it, a page of eight views has about 2 MB
+const PAGE_OVERLAY_PX: usize = 900;
+
+/// What a result folder holds besides what is always there
+#[derive(Debug, Clone, Copy)]
+pub struct ResultOptions<'a> {
+    /// Formats of the body
+    pub formats: &'a [MeshFormat],
+    /// Title of `report.html`; without one, the page is not written
+    pub page_title: Option<&'a str>,
+}
+
+/// Writes all that a report holds into a result folder
 ///
 /// # Errors
 /// When the folder cannot be written; files that were written before stay, none is partial.
@@ -59,18 +72,24 @@ pub fn write_results(
     loaded: &LoadedScan,
     load_seconds: f64,
     report: &Report,
-    formats: &[MeshFormat],
+    options: &ResultOptions,
 ) -> Result<(), ResultError> {
     make_folder(folder)?;
-    report
+    let with_page = options.page_title.is_some();
+    let page_overlays: Vec<Option<Vec<u8>>> = report
         .views
         .par_iter()
-        .try_for_each(|view| write_view(folder, loaded, report, view))?;
+        .map(|view| write_view(folder, loaded, report, view, with_page))
+        .collect::<Result<_, _>>()?;
+    let mut contact_sheet = None;
     if !report.views.is_empty() {
-        write_contact_sheet(&folder.join("contact.jpg"), loaded, report)?;
+        let file = folder.join("contact.jpg");
+        let jpeg = as_jpeg(&file, &draw_contact_sheet(loaded, report))?;
+        write_whole(&file, &jpeg)?;
+        contact_sheet = Some(jpeg);
     }
     if let Some(body) = &report.body {
-        for format in formats {
+        for format in options.formats {
             let file = folder.join(format!("body.{}", format.extension()));
             write_whole(&file, &format.write(body))?;
         }
@@ -78,17 +97,24 @@ pub fn write_results(
     if let Some(measurements) = &report.measurements {
         write_json(&folder.join("measurements.json"), &json!(measurements))?;
     }
+    if let Some(title) = options.page_title {
+        let overlays = page_overlays.into_iter().flatten().collect();
+        let page = page(title, loaded, load_seconds, report, contact_sheet, overlays);
+        write_whole(&folder.join("report.html"), write_page(&page).as_bytes())?;
+    }
     // Last, so that a result.json stands for a whole result.
     let result = result_value(loaded, load_seconds, report);
     write_json(&folder.join("result.json"), &result)
 }
 
+/// Writes the folder of one view and hands back its picture for the page
 fn write_view(
     folder: &Path,
     loaded: &LoadedScan,
     report: &Report,
     found: &ViewReport,
-) -> Result<(), ResultError> {
+    with_page: bool,
+) -> Result<Option<Vec<u8>>, ResultError> {
     let view = &loaded.scan.views[found.index];
     let folder = folder.join("views").join(&view.name);
     make_folder(&folder)?;
@@ -99,14 +125,66 @@ fn write_view(
         let mask = in_input_size(view, &normalized.mask, &normalized.soft);
         write_mask(&folder.join("normalized.png"), &mask)?;
     }
-    write_overlay(
-        &folder.join("overlay.jpg"),
-        view,
-        report.bundle.as_ref(),
-        found,
-    )?;
+    let overlay = draw_overlay(view, report.bundle.as_ref(), found);
+    let file = folder.join("overlay.jpg");
+    write_whole(&file, &as_jpeg(&file, &overlay)?)?;
     let value = view_value(view, report.bundle.as_ref(), found);
-    write_json(&folder.join("view.json"), &value)
+    write_json(&folder.join("view.json"), &value)?;
+    let for_page = with_page.then(|| as_jpeg(&file, &shrink(overlay, PAGE_OVERLAY_PX)));
+    for_page.transpose()
+}
+
+fn page<'a>(
+    title: &'a str,
+    loaded: &'a LoadedScan,
+    load_seconds: f64,
+    report: &'a Report,
+    contact_sheet: Option<Vec<u8>>,
+    overlays: Vec<Vec<u8>>,
+) -> Page<'a> {
+    let scan = &loaded.scan;
+    let given_count = scan.views.len() + loaded.failed.len();
+    let mut facts = vec![
+        ("views", format!("{} of {given_count}", report.views.len())),
+        ("method", method_name(report.method).to_owned()),
+        ("pose", pose_name(scan.pose).to_owned()),
+    ];
+    if let Some(stature_mm) = scan.stature_mm {
+        facts.push(("stature as given", format!("{stature_mm:.0} mm")));
+    }
+    let failed = loaded.failed.iter();
+    let failed = failed.map(|f| format!("view {} is left out (load): {}", f.view, f.reason));
+    let warnings = all_warnings(loaded, report).map(|warning| warning.to_string());
+    let views = report.views.iter().zip(overlays);
+    let seconds = report.seconds.iter();
+    Page {
+        title,
+        facts,
+        warnings: failed.chain(warnings).collect(),
+        measurements: report
+            .measurements
+            .iter()
+            .flat_map(|m| m.iter().map(|(measure, measured)| (measure, *measured)))
+            .collect(),
+        contact_sheet,
+        views: views
+            .map(|(found, overlay)| PageView {
+                name: &scan.views[found.index].name,
+                turn_degrees: scan.views[found.index].turn.degrees(),
+                overlay,
+            })
+            .collect(),
+        camera: report.bundle.as_ref().and_then(|b| b.cameras.first()),
+        seconds: std::iter::once(("load", load_seconds))
+            .chain(seconds.map(|(stage, time)| (stage.name(), *time)))
+            .collect(),
+    }
+}
+
+/// What was decided without being asked while loading and after
+fn all_warnings(loaded: &LoadedScan, report: &Report) -> impl Iterator<Item = Warning> {
+    let scan_warnings = loaded.warnings.iter().cloned().map(Warning::Scan);
+    scan_warnings.chain(report.warnings.iter().cloned())
 }
 
 /// A silhouette at the size of the photo as given; where this is not the working size, the soft one decides
@@ -127,12 +205,11 @@ fn write_mask(file: &Path, mask: &Mask) -> Result<(), ResultError> {
     Ok(write_whole(file, &png)?)
 }
 
-pub(super) fn write_jpeg(file: &Path, picture: &Photo) -> Result<(), ResultError> {
-    let jpeg = encode_jpeg(picture, JPEG_QUALITY).map_err(|source| ResultError::Jpeg {
+fn as_jpeg(file: &Path, picture: &Photo) -> Result<Vec<u8>, ResultError> {
+    encode_jpeg(picture, JPEG_QUALITY).map_err(|source| ResultError::Jpeg {
         file: file.to_owned(),
         source,
-    })?;
-    Ok(write_whole(file, &jpeg)?)
+    })
 }
 
 fn write_json(file: &Path, value: &Value) -> Result<(), ResultError> {
@@ -156,9 +233,7 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
         let failure = Some(("load", failed.reason.to_string()));
         view_entry(&failed.view, failed.turn.degrees(), failure)
     }));
-    let scan_warnings = loaded.warnings.iter().cloned().map(Warning::Scan);
-    let warnings: Vec<Value> = scan_warnings
-        .chain(report.warnings.iter().cloned())
+    let warnings: Vec<Value> = all_warnings(loaded, report)
         .map(|warning| {
             let mut entry = json!({ "code": warning.code(), "message": warning.to_string() });
             if let Some(view) = warning.view() {
@@ -175,7 +250,7 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
         "version": env!("CARGO_PKG_VERSION"),
         "goal": goal_name(report.goal),
         "method": method_name(report.method),
-        "pose": match scan.pose { ReferencePose::A => "a", ReferencePose::T => "t" },
+        "pose": pose_name(scan.pose),
         "stature_mm": scan.stature_mm,
         "views": views,
         "warnings": warnings,
@@ -203,6 +278,13 @@ pub fn method_name(method: Method) -> &'static str {
     match method {
         Method::Fit => "fit",
         Method::ThreeStep => "three-step",
+    }
+}
+
+fn pose_name(pose: ReferencePose) -> &'static str {
+    match pose {
+        ReferencePose::A => "a",
+        ReferencePose::T => "t",
     }
 }
 
