@@ -3,6 +3,8 @@
 //! A view that cannot be used never takes the others down: it is handed back with its reason. Only what
 //! concerns the whole folder (an unreadable manifest, a path that leaves the folder) is an error.
 
+mod problem;
+mod view;
 mod write;
 
 use std::cmp::Ordering;
@@ -10,17 +12,14 @@ use std::fs;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use pirouette_geom::Mask;
 use rayon::prelude::*;
-use thiserror::Error;
 
-use crate::io::manifest::{self, Manifest, ManifestError, ManifestView};
-use crate::io::openpose::{self, KeypointsError};
-use crate::io::photo::{self, PhotoError};
-use crate::scan::{CameraSetup, Photo, Scan, View};
-use crate::skeleton::Keypoints;
+use crate::io::manifest::{self, Manifest, ManifestView};
+use crate::scan::{CameraSetup, Scan, View};
 use crate::units::TurnAngle;
+use view::{LoadedView, keypoint_places, load_view};
 
+pub use problem::{ScanError, ScanWarning, ViewError};
 pub use write::{WriteScanError, keypoint_file, write_scan};
 
 /// How a scan folder is loaded
@@ -51,9 +50,6 @@ const SHAPE_TOLERANCE: f64 = 0.01;
 
 /// Longest keypoint file or manifest that is read, in bytes
 const MAX_JSON_BYTES: u64 = 64 << 20;
-
-/// Longest photo file that is read, in bytes
-const MAX_PHOTO_BYTES: u64 = 512 << 20;
 
 /// Fields of view of one camera agree within this share; more is another zoom
 const MAX_FOV_SPREAD: f64 = 0.03;
@@ -87,117 +83,6 @@ pub struct FailedView {
     pub turn: TurnAngle,
     /// Why
     pub reason: ViewError,
-}
-
-/// Why a whole scan cannot be loaded
-#[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
-pub enum ScanError {
-    #[error(
-        "{} is no folder; a scan is a folder of photos with keypoint files", path.display()
-    )]
-    NotAFolder { path: PathBuf },
-    #[error("cannot read {}: {source}", path.display())]
-    Read { path: PathBuf, source: io::Error },
-    #[error("{}: {source}", path.display())]
-    Manifest {
-        path: PathBuf,
-        source: ManifestError,
-    },
-    #[error("{} leads out of the scan folder; copy the file into it", path.display())]
-    LinkLeaves { path: PathBuf },
-    #[error(
-        "no photos in {}; they end in .jpg, .jpeg, .png or .webp", folder.display()
-    )]
-    NoPhotos { folder: PathBuf },
-    #[error("{first} and {second} have the same name; rename one of them")]
-    SameName { first: String, second: String },
-}
-
-/// Why one view cannot be used
-#[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
-pub enum ViewError {
-    #[error("cannot read {file}: {source}")]
-    Read { file: String, source: io::Error },
-    #[error("there is no {file} in the scan folder; add it, or mend its name in scan.json")]
-    Missing { file: String },
-    #[error("{file}: {source}")]
-    Photo { file: String, source: PhotoError },
-    #[error("{file}: {source}")]
-    Keypoints {
-        file: String,
-        source: KeypointsError,
-    },
-    #[error(
-        "no keypoints: there is no {file} beside the photo or in keypoints/ (OpenPose JSON, BODY_25)"
-    )]
-    NoKeypointFile { file: String },
-    #[error(
-        "no keypoints: {file} holds nobody; detect again in a clearer photo, or give a mask in scan.json"
-    )]
-    Nobody { file: String },
-    #[error(
-        "{file} has {mask_width} x {mask_height} px, but the photo {photo_width} x {photo_height} px"
-    )]
-    MaskSize {
-        file: String,
-        mask_width: usize,
-        mask_height: usize,
-        photo_width: usize,
-        photo_height: usize,
-    },
-    #[error("{file} is empty: no pixel is person")]
-    EmptyMask { file: String },
-    #[error(
-        "the photo has {width_px} x {height_px} px, another shape than the {common_width_px} x {common_height_px} px of most; all photos of a scan come from one camera, held one way"
-    )]
-    OtherShape {
-        width_px: usize,
-        height_px: usize,
-        common_width_px: usize,
-        common_height_px: usize,
-    },
-}
-
-/// A decision that was taken without being asked
-#[derive(Debug, Clone, PartialEq, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
-pub enum ScanWarning {
-    #[error(
-        "{people_count} people in the keypoint file; took the surest one near the middle of the photo"
-    )]
-    SeveralPeople { view: String, people_count: usize },
-    #[error(
-        "{missing_count} views have no angle_deg; took their place in an even turn, which only fits if all views are evenly spread"
-    )]
-    AnglesMissing { missing_count: usize },
-    #[error(
-        "the photos were taken with different zoom ({smallest_deg:.1} to {largest_deg:.1} degrees by EXIF); took the median"
-    )]
-    FieldsOfViewDiffer { smallest_deg: f64, largest_deg: f64 },
-    #[error("{file} was not taken as a photo; name it in scan.json to use it")]
-    ImageIgnored { file: String },
-}
-
-impl ScanWarning {
-    /// The view that it is about, if it is about one
-    pub fn view(&self) -> Option<&str> {
-        match self {
-            ScanWarning::SeveralPeople { view, .. } => Some(view),
-            _ => None,
-        }
-    }
-
-    /// Stable name for programs
-    pub fn code(&self) -> &'static str {
-        match self {
-            ScanWarning::SeveralPeople { .. } => "several_people",
-            ScanWarning::AnglesMissing { .. } => "angles_missing",
-            ScanWarning::FieldsOfViewDiffer { .. } => "fields_of_view_differ",
-            ScanWarning::ImageIgnored { .. } => "image_ignored",
-        }
-    }
 }
 
 /// Loads a scan folder
@@ -443,147 +328,6 @@ fn pieces(name: &str) -> Vec<(bool, usize, String)> {
     }
     // Only zeros tell `1` from `01`; the whole name then decides.
     pieces
-}
-
-struct LoadedView {
-    photo: Photo,
-    input_size_px: (usize, usize),
-    keypoints: Keypoints,
-    people_count: usize,
-    mask: Option<Mask>,
-    vertical_fov_radians: Option<f64>,
-}
-
-fn load_view(
-    folder: &Folder,
-    entry: &ManifestView,
-    max_side_px: usize,
-) -> Result<LoadedView, ViewError> {
-    let image = &entry.image;
-    let bytes = read_file(folder, image, MAX_PHOTO_BYTES)?;
-    let in_photo = |source| ViewError::Photo {
-        file: image.clone(),
-        source,
-    };
-    let decoded = photo::decode_photo(&bytes).map_err(in_photo)?;
-    drop(bytes);
-    let (width, height) = (decoded.photo.width(), decoded.photo.height());
-    let mask = match &entry.mask {
-        Some(file) => Some(load_mask(folder, file, width, height)?),
-        None => {
-            photo::check_contrast(&decoded.photo).map_err(in_photo)?;
-            None
-        }
-    };
-    let (mut keypoints, people_count) = load_keypoints(folder, entry, width, height)?;
-    let photo = photo::shrink(decoded.photo, max_side_px);
-    let (shrunk_width, shrunk_height) = (photo.width(), photo.height());
-    let scale = glam::DVec2::new(
-        shrunk_width as f64 / width as f64,
-        shrunk_height as f64 / height as f64,
-    );
-    keypoints = scale_keypoints(&keypoints, scale);
-    let mask = mask.map(|mask| {
-        let soft = mask.map(|&inside| if inside { 1.0 } else { 0.0 });
-        photo::resample(&soft, shrunk_width, shrunk_height).threshold(0.5)
-    });
-    Ok(LoadedView {
-        photo,
-        input_size_px: (width, height),
-        keypoints,
-        people_count,
-        mask,
-        vertical_fov_radians: decoded.vertical_fov_radians,
-    })
-}
-
-fn read_file(folder: &Folder, file: &str, limit: u64) -> Result<Vec<u8>, ViewError> {
-    folder.read(file, limit).map_err(|source| {
-        let file = file.to_owned();
-        match source.kind() {
-            io::ErrorKind::NotFound => ViewError::Missing { file },
-            _ => ViewError::Read { file, source },
-        }
-    })
-}
-
-fn load_mask(
-    folder: &Folder,
-    file: &str,
-    photo_width: usize,
-    photo_height: usize,
-) -> Result<Mask, ViewError> {
-    let bytes = read_file(folder, file, MAX_PHOTO_BYTES)?;
-    let mask = photo::decode_mask(&bytes).map_err(|source| ViewError::Photo {
-        file: file.to_owned(),
-        source,
-    })?;
-    if (mask.width(), mask.height()) != (photo_width, photo_height) {
-        return Err(ViewError::MaskSize {
-            file: file.to_owned(),
-            mask_width: mask.width(),
-            mask_height: mask.height(),
-            photo_width,
-            photo_height,
-        });
-    }
-    if mask.area() == 0 {
-        return Err(ViewError::EmptyMask {
-            file: file.to_owned(),
-        });
-    }
-    Ok(mask)
-}
-
-/// Where the keypoints of a photo are looked for
-fn keypoint_places(image: &str) -> [String; 2] {
-    let file = format!("{}_keypoints.json", manifest::stem(image));
-    let beside = Path::new(image).with_file_name(&file);
-    [
-        beside.to_string_lossy().into_owned(),
-        format!("keypoints/{file}"),
-    ]
-}
-
-/// The person's keypoints and the number of people; with a given mask a view may do without
-fn load_keypoints(
-    folder: &Folder,
-    entry: &ManifestView,
-    width_px: usize,
-    height_px: usize,
-) -> Result<(Keypoints, usize), ViewError> {
-    let places = keypoint_places(&entry.image);
-    let file = match &entry.keypoints {
-        Some(file) => Some(file),
-        None => places.iter().find(|place| folder.file(place).exists()),
-    };
-    let Some(file) = file else {
-        let [file, _] = places;
-        return match entry.mask {
-            Some(_) => Ok((Keypoints::default(), 0)),
-            None => Err(ViewError::NoKeypointFile { file }),
-        };
-    };
-    let json = read_file(folder, file, MAX_JSON_BYTES)?;
-    let detection = openpose::parse_keypoints(&json, width_px, height_px).map_err(|source| {
-        ViewError::Keypoints {
-            file: file.clone(),
-            source,
-        }
-    })?;
-    if detection.keypoints.found_count() == 0 && entry.mask.is_none() {
-        return Err(ViewError::Nobody { file: file.clone() });
-    }
-    Ok((detection.keypoints, detection.people_count))
-}
-
-fn scale_keypoints(keypoints: &Keypoints, scale: glam::DVec2) -> Keypoints {
-    let mut scaled = Keypoints::default();
-    for (joint, mut keypoint) in keypoints.iter() {
-        keypoint.position *= scale;
-        scaled.set(joint, keypoint);
-    }
-    scaled
 }
 
 /// Leaves out the views whose photos have another shape than most; of equally many, the first counts

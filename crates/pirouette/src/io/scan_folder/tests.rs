@@ -1,5 +1,9 @@
+use pirouette_geom::Mask;
+
 use super::*;
-use crate::skeleton::Joint;
+use crate::io::photo;
+use crate::scan::Photo;
+use crate::skeleton::{Joint, Keypoints};
 
 struct TestFolder(tempfile::TempDir);
 

@@ -1,0 +1,203 @@
+use super::*;
+use crate::tri_mesh::MeshDefect;
+use proptest::prelude::*;
+
+fn options(cell_size: f64, lipschitz: f64) -> SurfaceOptions {
+    SurfaceOptions {
+        lo: DVec3::splat(-1.0),
+        hi: DVec3::splat(1.0),
+        cell_size,
+        lipschitz,
+        secant_steps: 0,
+    }
+}
+
+/// Marching over every cell of the grid, one vertex search per corner triple
+fn extract_surface_reference(
+    field: impl Fn(DVec3) -> f64 + Sync,
+    options: &SurfaceOptions,
+) -> Vec<[DVec3; 3]> {
+    let grid = Lattice::new(&field, options).expect("the options are sound");
+    let mut triangles = Vec::new();
+    let [nx, ny, nz] = grid.counts;
+    for cell in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
+        let corner = |bits: u32| offset(cell, cube_corner(bits), 1);
+        let inside = (0..8)
+            .filter(|&bits| grid.value(corner(bits)) < 0.0)
+            .fold(0, |set, bits| set | 1 << bits);
+        let case: &cube_cases::CubeCase = &CASES[inside];
+        let point = |edge: u8| {
+            let low = u32::from(lower_corner(edge));
+            let (p, q) = (corner(low), corner(low | 1 << (edge / 4)));
+            let (a, b) = (grid.value(p), grid.value(q));
+            let t = (a / (a - b)).clamp(MIN_EDGE_PART, 1.0 - MIN_EDGE_PART);
+            grid.position(p).lerp(grid.position(q), t)
+        };
+        for triangle in &case.triangles {
+            triangles.push(triangle.map(|edge| match edge.checked_sub(EDGE_COUNT) {
+                Some(k) => {
+                    let polygon = &case.centers[usize::from(k)];
+                    polygon.iter().map(|&e| point(e)).sum::<DVec3>() / polygon.len() as f64
+                }
+                None => point(edge),
+            }));
+        }
+    }
+    triangles
+}
+
+/// Corner sums of all triangles in a fixed order, to compare sets of triangles
+fn fingerprint(triangles: impl Iterator<Item = [DVec3; 3]>) -> Vec<[i64; 3]> {
+    let mut sums: Vec<[i64; 3]> = triangles
+        .map(|t| {
+            let sum: DVec3 = t.into_iter().sum();
+            sum.to_array().map(|v| (v * 1e4).round() as i64)
+        })
+        .collect();
+    sums.sort_unstable();
+    sums
+}
+
+#[test]
+fn a_ball_is_round_closed_and_faces_outward() {
+    for cell in [0.31, 0.1, 0.043] {
+        let ball = extract_surface(|p| p.length() - 0.8, &options(cell, 1.0));
+        let ball = ball.expect("the options are sound");
+        assert_eq!(ball.check(), Ok(()));
+        let worst = ball.positions.iter().map(|p| (p.length() - 0.8).abs());
+        assert!(worst.fold(0.0, f64::max) < 0.3 * cell * cell);
+        let exact = 4.0 / 3.0 * std::f64::consts::PI * 0.8f64.powi(3);
+        assert!((ball.volume() / exact - 1.0).abs() < 2.0 * cell * cell);
+    }
+}
+
+#[test]
+fn only_cells_near_the_surface_are_evaluated() {
+    let count = std::sync::atomic::AtomicUsize::new(0);
+    let field = |p: DVec3| {
+        count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        p.length() - 0.8
+    };
+    let mesh = extract_surface(field, &options(0.02, 1.0)).expect("the options are sound");
+    let evaluated = count.into_inner();
+    // The full grid has a million corners; the ball's surface passes about 20,000 cells.
+    assert!(evaluated < 160_000, "{evaluated} evaluations");
+    assert!(mesh.triangles.len() > 30_000);
+}
+
+#[test]
+fn secant_steps_land_on_a_bent_field() {
+    let bent = |p: DVec3| (p.length() / 0.7).powi(4) - 1.0;
+    let options = SurfaceOptions {
+        secant_steps: 4,
+        ..options(0.2, 8.0)
+    };
+    let mesh = extract_surface(bent, &options).expect("the options are sound");
+    for p in &mesh.positions {
+        assert!((p.length() - 0.7).abs() < 2e-4, "{}", p.length());
+    }
+}
+
+#[test]
+fn a_solid_that_fills_the_box_is_closed_at_its_border() {
+    let mesh = extract_surface(|_| -1.0, &options(0.1, 1.0)).expect("the options are sound");
+    assert_eq!(mesh.check(), Ok(()));
+    assert!((1.8f64.powi(3)..8.0).contains(&mesh.volume()));
+}
+
+#[test]
+fn fields_of_any_kind_give_closed_meshes_or_none() {
+    let fields: [fn(DVec3) -> f64; 5] = [
+        |_| f64::NAN,
+        |_| 0.0,
+        |p| if p.x > 0.1 { f64::NAN } else { -1.0 },
+        |p| {
+            if p.y > 0.1 {
+                f64::INFINITY
+            } else {
+                f64::NEG_INFINITY
+            }
+        },
+        |p| p.x * 1e-300,
+    ];
+    for field in fields {
+        let mesh = extract_surface(field, &options(0.13, 1.0)).expect("the options are sound");
+        if !mesh.triangles.is_empty() {
+            assert_eq!(mesh.check(), Ok(()));
+        }
+    }
+}
+
+#[test]
+fn senseless_options_are_refused() {
+    let extract = |options| extract_surface(|p| p.x, &options);
+    assert!(matches!(
+        extract(options(0.0, 1.0)),
+        Err(SurfaceError::CellSize { .. })
+    ));
+    assert!(matches!(
+        extract(options(0.1, f64::NAN)),
+        Err(SurfaceError::Lipschitz { .. })
+    ));
+    assert!(matches!(
+        extract(options(1e-9, 1.0)),
+        Err(SurfaceError::Cells { .. })
+    ));
+    let empty = SurfaceOptions {
+        hi: DVec3::splat(-2.0),
+        ..options(0.1, 1.0)
+    };
+    assert!(matches!(extract(empty), Err(SurfaceError::Cells { .. })));
+}
+
+/// A random value per cell corner: every case of the cube, and every way in which two cubes meet
+fn noise(seed: u64) -> impl Fn(DVec3) -> f64 + Sync {
+    move |p: DVec3| {
+        let mut state = seed;
+        for v in p.to_array() {
+            let corner = ((v + 1.0) / 0.125).round() as i64 as u64;
+            state = (state ^ corner).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            state ^= state >> 29;
+        }
+        state as f64 / u64::MAX as f64 - 0.5
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn noise_gives_a_closed_manifold_mesh(seed: u64) {
+        let mesh = extract_surface(noise(seed), &options(0.125, 100.0)).expect("the options are sound");
+        prop_assert_eq!(mesh.check(), Ok(()));
+    }
+
+    #[test]
+    fn a_wrong_slope_bound_still_gives_closed_meshes(seed: u64) {
+        let mesh = extract_surface(noise(seed), &options(0.125, 0.2)).expect("the options are sound");
+        // Pieces may be missing, the outermost too, so the sign of the volume says nothing.
+        let check = mesh.check();
+        let sound = matches!(check, Ok(()) | Err(MeshDefect::Empty | MeshDefect::InsideOut { .. }));
+        prop_assert!(sound, "{:?}", check);
+    }
+
+    #[test]
+    fn the_adaptive_grid_finds_what_the_full_grid_finds(
+        centers in prop::collection::vec(prop::array::uniform3(-0.7..0.7f64), 1..5),
+        radius in 0.1..0.4f64,
+    ) {
+        let balls = |p: DVec3| {
+            let distance = |c: &[f64; 3]| (p - DVec3::from_array(*c)).length() - radius;
+            centers.iter().map(distance).fold(f64::INFINITY, f64::min)
+        };
+        let options = options(0.09, 1.0);
+        let mesh = extract_surface(balls, &options).expect("the options are sound");
+        prop_assert_eq!(mesh.check(), Ok(()));
+        let found = fingerprint((0..mesh.triangles.len()).map(|t| mesh.corners(t)));
+        let expected = fingerprint(extract_surface_reference(balls, &options).into_iter());
+        prop_assert_eq!(found.len(), expected.len());
+        for (a, b) in found.iter().zip(&expected) {
+            prop_assert!((0..3).all(|k| (a[k] - b[k]).abs() <= 2));
+        }
+    }
+}
