@@ -1,8 +1,9 @@
 //! The reference figure: a closed skinned surface in the reference pose, with named joints, tape loops
 //! and landmarks.
 //!
-//! World frame, millimeters: soles on y = 0, facing +z, the person's left at +x, the turning axis
-//! midway between the hips and a little behind them.
+//! World frame, millimeters: soles on y = 0, facing +z, the person's left at +x. The turning axis, x = z = 0, passes
+//! behind the point midway between the hip joints, by [`TURNING_AXIS_BEHIND_HIPS`]; so the hips lie at a small
+//! positive z, the ankles of the mannequin a little farther in front.
 
 pub mod gltf;
 pub mod landmarks;
@@ -46,9 +47,10 @@ impl ReferencePose {
     }
 }
 
-/// How far behind the middle of the hips the turning axis of a body runs, as a share of the stature
+/// How far behind the middle of the hip joints the turning axis of a body runs, as a share of the stature
 ///
-/// People who turn on the spot keep their feet around the axis; their hips stay a little before it.
+/// People who turn on the spot turn on their heels: ankles and hips stay a little before the axis. Imported figures are
+/// moved there; the mannequin is built so.
 pub const TURNING_AXIS_BEHIND_HIPS: f64 = 0.004;
 
 /// A skinned reference figure in its reference pose

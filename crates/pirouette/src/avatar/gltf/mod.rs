@@ -299,7 +299,7 @@ fn split_the_trunk(surface: &mut Surface, height_mm: f64) {
     }
 }
 
-/// Soles on the floor, the turning axis midway between the hips and a little behind them
+/// Soles on the floor, the turning axis a little behind the point midway between the hip joints
 fn put_on_the_axis(avatar: &mut Avatar, eyes: &mut [Option<DVec3>; 2]) {
     let Some((low, high)) = avatar.mesh.bounds() else {
         return;

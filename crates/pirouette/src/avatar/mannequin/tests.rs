@@ -47,6 +47,19 @@ fn assert_valid(avatar: &Avatar, stature_mm: f64) {
     }
 }
 
+#[test]
+fn hips_stand_before_the_turning_axis_as_those_of_imported_figures() {
+    for (sex, stature_mm) in [(Sex::Female, 1500.0), (Sex::Male, 1950.0)] {
+        let avatar = person(sex, stature_mm, 24.0, ReferencePose::T);
+        let head = |bone: Bone| avatar.bone_heads[bone as usize];
+        let hips = (head(Bone::LeftThigh) + head(Bone::RightThigh)) / 2.0;
+        let expected = crate::avatar::TURNING_AXIS_BEHIND_HIPS * stature_mm;
+        assert!((hips.z - expected).abs() < 0.1, "{hips}");
+        assert!(hips.x.abs() < 1e-9, "{hips}");
+        assert!(head(Bone::LeftFoot).z > hips.z);
+    }
+}
+
 /// Hull perimeter of the points where a plane cuts triangles whose strongest bones are among those given
 fn girth(avatar: &Avatar, origin: DVec3, normal: DVec3, bones: &[Bone]) -> f64 {
     let (u, v) = normal.any_orthonormal_pair();
