@@ -26,15 +26,15 @@ pub struct Cli {
     pub command: Command,
 
     /// Print one machine-readable line on standard output instead of text
-    #[arg(long, global = true)]
+    #[arg(long, global = true, display_order = 100)]
     pub json: bool,
 
     /// Print nothing but errors
-    #[arg(long, short, global = true)]
+    #[arg(long, short, global = true, display_order = 101)]
     pub quiet: bool,
 
     /// Threads to use [default: one per processor]
-    #[arg(long, short, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, short, global = true, display_order = 102, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
 }
 
@@ -47,7 +47,7 @@ pub enum Command {
     /// Render a turning person whose measures are known, scan it, and compare
     #[command(after_help = DEMO_HELP)]
     Demo(DemoArgs),
-    /// Only find the silhouettes; works with a single photo too
+    /// Find the silhouettes only; works with a single photo too
     #[command(after_help = SEGMENT_HELP)]
     Segment(ScanArgs),
     /// Find the silhouettes and bring them to the reference pose
@@ -56,7 +56,7 @@ pub enum Command {
     /// Find silhouettes, bring them to the reference pose and carve the body
     #[command(after_help = RECONSTRUCT_HELP)]
     Reconstruct(ScanArgs),
-    /// Do everything but the pictures
+    /// Do what `scan` does: silhouettes, body, measurements
     #[command(after_help = MEASURE_HELP)]
     Measure(ScanArgs),
     /// Write the reference figure: a PNG silhouette or a mesh
@@ -87,7 +87,7 @@ pub struct ScanArgs {
     #[command(flatten)]
     pub method: MethodArgs,
 
-    /// Formats of the body
+    /// Formats of the body, where one is carved
     #[arg(
         long,
         value_name = "FORMATS",
@@ -175,7 +175,7 @@ pub struct AvatarArgs {
     #[arg(long, value_enum, default_value_t = Pose::A)]
     pub pose: Pose,
 
-    /// How far it has turned to its own left, in degrees; for pictures
+    /// How far the figure has turned to its own left, in degrees; for .png
     #[arg(
         long,
         value_name = "DEG",
@@ -184,11 +184,11 @@ pub struct AvatarArgs {
     )]
     pub angle: f64,
 
-    /// Between the two without it
+    /// Whose proportions; half way between the two when not given
     #[arg(long, value_enum)]
     pub sex: Option<Sex>,
 
-    /// Height, in mm
+    /// Height, in mm [default: average, or that of the given figure]
     #[arg(long, value_name = "MM")]
     pub stature: Option<f64>,
 
@@ -273,7 +273,8 @@ const SCAN_HELP: &str = "\
 A scan folder holds photos of a person who turns to the left in even steps before a camera that does not
 move, and beside each photo its keypoints (OpenPose JSON, BODY_25):
   000.jpg 000_keypoints.json 001.jpg 001_keypoints.json ...
-An optional scan.json tells more; every key but `image` may be left out:
+An optional scan.json tells more, most of all the person's height; every key but `image` may be left out,
+and without `views` the photos are taken in the order of their names:
   { \"pose\": \"a\", \"subject\": { \"stature_mm\": 1748 },
     \"camera\": { \"vertical_fov_deg\": 50.1, \"height_mm\": 890, \"distance_mm\": 2400, \"pitch_deg\": 0 },
     \"views\": [ { \"image\": \"000.jpg\", \"keypoints\": \"000_keypoints.json\", \"angle_deg\": 0,
@@ -294,7 +295,7 @@ Examples:
   pirouette demo --pose t --views 12 --method three-step";
 
 const SEGMENT_HELP: &str = "\
-Writes result.json and, per view, mask.png, overlay.jpg and view.json.
+Writes result.json, contact.jpg and, per view, mask.png, overlay.jpg and view.json.
 
 Examples:
   pirouette segment photos/anna -o anna
