@@ -6,6 +6,7 @@
 
 pub mod arap;
 pub mod chain;
+pub mod coarsen;
 pub mod contour;
 pub mod coverage;
 pub mod distance_map;
@@ -14,6 +15,7 @@ pub mod morphology;
 pub mod planar_mesh;
 pub mod raster;
 pub mod section;
+pub mod sparse;
 pub mod tri_mesh;
 
 pub use raster::{Grid, Mask};

@@ -8,13 +8,11 @@
 //! The energy never grows from round to round, but it may have several minima: handles that turn by more than
 //! about half a turn against each other can fold the mesh.
 
-mod cholesky;
-
 use glam::{DVec2, DVec3};
 
 use crate::planar_mesh::PlanarMesh;
+use crate::sparse::Cholesky;
 use crate::tri_mesh::TriMesh;
-use cholesky::Cholesky;
 
 /// Triangles flatter than this (area over squared longest edge) count as equilateral
 ///

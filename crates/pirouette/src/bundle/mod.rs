@@ -33,6 +33,7 @@ use scales::Frame;
 use solve::{Solution, solve};
 
 pub use scales::{Scale, Scales, rescale_avatar};
+pub(crate) use start::keypoint_sigma_px;
 pub use swaps::Limb;
 
 /// One photo as the bundle sees it

@@ -54,6 +54,16 @@ pub(super) struct Start {
     pub(super) camera: CameraPrior,
 }
 
+/// Standard deviation of a keypoint in a photo in which the person is `stature_px` tall, in px
+pub(crate) fn keypoint_sigma_px(confidence: f64, stature_px: f64) -> f64 {
+    let nominal = if confidence > CONFIDENT {
+        CONFIDENT_SIGMA_PX
+    } else {
+        DOUBTFUL_SIGMA_PX
+    };
+    nominal * stature_px / NOMINAL_STATURE_PX
+}
+
 /// A keypoint that can be used: found, finite, and not farther from the photo than its own size
 fn usable(keypoints: &Keypoints, joint: Joint, width: f64, height: f64) -> Option<Keypoint> {
     let keypoint = keypoints.found(joint)?;
@@ -114,7 +124,6 @@ pub(super) fn prepare(
         .map(|(view, joints)| {
             let stature_px =
                 focal_per_height * view.height_px as f64 * stature_mm / seen.unwrap_or(distance_mm);
-            let unit = stature_px / NOMINAL_STATURE_PX;
             ViewData {
                 turn: view.turn,
                 width_px: view.width_px,
@@ -122,12 +131,7 @@ pub(super) fn prepare(
                 observed: joints.map(|joint| {
                     joint.map(|keypoint| Observed {
                         position: keypoint.position,
-                        sigma_px: unit
-                            * if keypoint.confidence > CONFIDENT {
-                                CONFIDENT_SIGMA_PX
-                            } else {
-                                DOUBTFUL_SIGMA_PX
-                            },
+                        sigma_px: keypoint_sigma_px(keypoint.confidence, stature_px),
                     })
                 }),
             }

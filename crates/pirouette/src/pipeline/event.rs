@@ -18,6 +18,8 @@ pub enum Stage {
     Prior,
     /// Photos become silhouettes
     Segment,
+    /// One body and its poses are fitted to all silhouettes
+    Fit,
     /// Silhouettes are brought to the reference pose
     Normalize,
     /// Silhouettes become a body
@@ -39,6 +41,7 @@ impl Stage {
             Stage::Bundle => "skeleton",
             Stage::Prior => "prior",
             Stage::Segment => "segment",
+            Stage::Fit => "fit",
             Stage::Normalize => "normalize",
             Stage::Carve => "carve",
             Stage::Measure => "measure",

@@ -11,6 +11,7 @@ use crate::avatar::mannequin::{MannequinParameters, mannequin};
 use crate::avatar::{Avatar, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, CarveView, carve, carve_beside_avatar};
+use crate::fit::{Fit, FitOptions, FitView, fit_body};
 use crate::measure::{MeasureInput, Measurements, measure};
 use crate::normalize::{
     NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
@@ -270,6 +271,37 @@ impl<'a> Job<'a> {
         }
         self.check_left(views.len())?;
         Ok(views)
+    }
+
+    /// One body in the poses of all views
+    pub(super) fn fit(
+        &mut self,
+        bundle: &Bundle,
+        views: &[ViewReport],
+    ) -> Result<Fit, PipelineError> {
+        let (scan, cancel) = (self.scan, self.cancel);
+        self.stage(Stage::Fit, 1, |_| {
+            let stature_mm = scan.stature_mm.unwrap_or(bundle.avatar.stature_mm());
+            let fit_views: Vec<FitView> = views
+                .iter()
+                .map(|view| FitView {
+                    silhouette: &view.silhouette.soft,
+                    keypoints: &bundle.keypoints[view.index],
+                    camera: bundle.cameras[view.index],
+                    turn: bundle.turns[view.index],
+                    pose: bundle.poses[view.index],
+                    stature_mm,
+                })
+                .collect();
+            fit_body(
+                &bundle.avatar,
+                &bundle.posture,
+                &fit_views,
+                Some(stature_mm),
+                &FitOptions::default(),
+                &|| cancel.cancelled(),
+            )
+        })
     }
 
     /// Brings each silhouette to the reference pose

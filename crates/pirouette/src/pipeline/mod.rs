@@ -168,13 +168,17 @@ pub fn run(
     if let Some(bundle) = &bundle
         && config.goal >= Goal::Normalize
     {
+        let fit = match config.method {
+            Method::Fit => Some(job.fit(bundle, &views)?),
+            Method::ThreeStep => None,
+        };
         views = job.normalize(&avatar, bundle, views)?;
         if config.goal >= Goal::Reconstruct {
             let carved = job.carve(bundle, &views)?;
             if config.goal >= Goal::Measure {
                 measurements = Some(job.measure(bundle, &views, &carved)?);
             }
-            body = Some(carved);
+            body = Some(fit.map_or(carved, |fit| fit.avatar.mesh));
         }
     }
     let Job {

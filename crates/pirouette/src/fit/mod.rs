@@ -1,0 +1,286 @@
+//! The body fit: one surface and one pose per view that explain all silhouettes together.
+//!
+//! The surface is the avatar in the reference pose, displaced smoothly; a view shows it in that view's pose. Poses and
+//! surface are fitted in turn to the outlines: where the surface ends in a photo, the person must end. What no outline
+//! tells is filled by the avatar's own shape. No statistics of bodies are used.
+//!
+//! What all views have in common in the poses of trunk, head and legs is the person's posture, not sway, and goes
+//! into the surface; arms are brought to the reference pose. Hollows that no outline shows stay as the avatar has them.
+
+mod matches;
+mod outline;
+mod pose_step;
+mod rim;
+mod shape_step;
+mod surface;
+
+use glam::{DVec2, DVec3};
+use pirouette_geom::Grid;
+use rayon::prelude::*;
+
+use crate::avatar::Avatar;
+use crate::bundle::keypoint_sigma_px;
+use crate::camera::Camera;
+use crate::pose::{Pose, SkinWeight, pose_bones};
+use crate::skeleton::{Bone, Joint, Keypoints};
+use crate::units::TurnAngle;
+use matches::Outline;
+use shape_step::ShapeSolver;
+use surface::Surface;
+
+/// Height of the person in the photos for which the pixel values of the fit are given
+///
+/// A nominal pixel is one of such a photo, whatever the resolution.
+pub(crate) const NOMINAL_STATURE_PX: f64 = 800.0;
+
+/// One view to fit
+#[derive(Debug, Clone, Copy)]
+pub struct FitView<'a> {
+    /// Soft silhouette of the person, 1 inside
+    pub silhouette: &'a Grid<f32>,
+    /// Detected joints
+    pub keypoints: &'a Keypoints,
+    /// The camera that saw it
+    pub camera: Camera,
+    /// How far the person had turned
+    pub turn: TurnAngle,
+    /// Where the pose starts
+    pub pose: Pose,
+    /// Height of the person, in mm: tells how large pixels are
+    pub stature_mm: f64,
+}
+
+impl FitView<'_> {
+    /// How tall the person is in the photo, in px
+    fn stature_px(&self) -> f64 {
+        self.camera.focal_px() * self.stature_mm / self.camera.distance_mm
+    }
+
+    /// A detected joint with its standard deviation, in px
+    fn keypoint(&self, joint: Joint) -> Option<(DVec2, f64)> {
+        let found = self.keypoints.found(joint)?;
+        let sigma_px = keypoint_sigma_px(found.confidence, self.stature_px());
+        Some((found.position, sigma_px))
+    }
+}
+
+/// How the fit is done
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitOptions {
+    /// Vertices whose displacements are solved for; more show finer detail and cost time
+    pub coarse_count: usize,
+    /// Whether left and right of the body are taken to be alike where outlines do not say otherwise
+    pub symmetry: bool,
+    /// Whether the mean pose of all views goes into the surface
+    pub transfer_mean_pose: bool,
+    /// Whether soles are held on the floor, and the crown at the stature
+    pub anchors: bool,
+    /// The rounds, in order
+    pub rounds: Vec<Round>,
+}
+
+/// One round: poses, then the surface
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Round {
+    /// Outline points are searched within this distance, in nominal px
+    pub radius: f64,
+    /// Weight of the bending energy
+    pub smoothness: f64,
+    /// Residuals of the surface beyond this lose weight, in nominal px
+    pub robust: f64,
+}
+
+impl Default for FitOptions {
+    fn default() -> Self {
+        // A wide start, because bodies far from the avatar (large busts, bellies) would else come out too small.
+        let rounds = [
+            (60.0, 30.0, 12.0),
+            (60.0, 10.0, 12.0),
+            (50.0, 5.0, 10.0),
+            (40.0, 3.0, 8.0),
+            (40.0, 2.0, 8.0),
+            (30.0, 1.0, 6.0),
+            (25.0, 1.0, 5.0),
+            (20.0, 1.0, 5.0),
+            (15.0, 1.0, 4.0),
+            (12.0, 1.0, 4.0),
+            (10.0, 1.0, 3.0),
+            (10.0, 1.0, 3.0),
+        ];
+        Self {
+            coarse_count: 3000,
+            symmetry: true,
+            transfer_mean_pose: true,
+            anchors: true,
+            rounds: rounds
+                .map(|(radius, smoothness, robust)| Round {
+                    radius,
+                    smoothness,
+                    robust,
+                })
+                .to_vec(),
+        }
+    }
+}
+
+/// One body and its poses
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// The fitted body in the reference pose, world frame, mm
+    pub avatar: Avatar,
+    /// Pose of each view
+    pub poses: Vec<Pose>,
+}
+
+/// The surface while it is fitted
+#[derive(Debug, Clone)]
+struct Body<'a> {
+    surface: &'a Surface,
+    weights: &'a [SkinWeight],
+    /// The undisplaced surface
+    rest: Vec<DVec3>,
+    /// Displacements of the coarse vertices
+    displacements: Vec<DVec3>,
+    positions: Vec<DVec3>,
+    bone_heads: [DVec3; Bone::COUNT],
+    keypoints: [DVec3; Joint::COUNT],
+}
+
+impl Body<'_> {
+    fn displace(&mut self, displacements: Vec<DVec3>) {
+        let spread = self.surface.spread(&displacements);
+        self.displacements = displacements;
+        for ((position, rest), moved) in self.positions.iter_mut().zip(&self.rest).zip(spread) {
+            *position = *rest + moved;
+        }
+    }
+
+    /// Brings the reference pose into another pose
+    fn repose(&mut self, pose: &Pose) {
+        let posed = pose_bones(&self.bone_heads, pose, TurnAngle::default());
+        let coarse = &self.surface.coarse.vertices;
+        self.rest = posed.skin(&self.rest, self.weights);
+        let positions = posed.skin(&self.positions, self.weights);
+        let displacements = coarse
+            .iter()
+            .map(|&v| positions[v as usize] - self.rest[v as usize])
+            .collect();
+        self.displace(displacements);
+        self.bone_heads = Bone::ALL.map(|bone| posed.head(bone));
+        self.keypoints = Joint::ALL.map(|j| posed.carry(j.bone(), self.keypoints[j as usize]));
+    }
+}
+
+/// Whether a bone's mean rotation over all views is the person's posture
+///
+/// Arms and hands are held as the reference pose says, feet stand on the floor, and the root's lean belongs to
+/// the camera as much as to the person.
+fn carries_posture(bone: Bone) -> bool {
+    use Bone::*;
+    matches!(
+        bone,
+        LowerSpine
+            | UpperSpine
+            | Neck
+            | Head
+            | LeftClavicle
+            | RightClavicle
+            | LeftThigh
+            | RightThigh
+            | LeftShin
+            | RightShin
+    )
+}
+
+/// Fits one body to all views
+///
+/// `avatar` has the person's bone lengths, in the reference pose; `posture` is the pose that sway goes about.
+/// `cancelled` is asked between rounds; the fit so far comes back.
+pub fn fit_body(
+    avatar: &Avatar,
+    posture: &Pose,
+    views: &[FitView],
+    stature_mm: Option<f64>,
+    options: &FitOptions,
+    cancelled: &(dyn Fn() -> bool + Sync),
+) -> Fit {
+    let surface = Surface::new(avatar, options.coarse_count);
+    let mut body = Body {
+        surface: &surface,
+        weights: &avatar.weights,
+        rest: avatar.mesh.positions.clone(),
+        displacements: vec![DVec3::ZERO; surface.coarse_count()],
+        positions: avatar.mesh.positions.clone(),
+        bone_heads: avatar.bone_heads,
+        keypoints: avatar.keypoints,
+    };
+    let outlines: Vec<Outline> = views
+        .par_iter()
+        .map(|view| Outline::new(view.silhouette, view.stature_px() / NOMINAL_STATURE_PX))
+        .collect();
+    let mut poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
+    let mut posture = *posture;
+    let solver = ShapeSolver::new(&surface, &body, stature_mm);
+    if let Some(mut solver) = solver {
+        for (index, round) in options.rounds.iter().enumerate() {
+            if cancelled() {
+                break;
+            }
+            poses = (0..views.len())
+                .into_par_iter()
+                .map(|i| {
+                    pose_step::pose_step(
+                        &body,
+                        &views[i],
+                        &outlines[i],
+                        &posture,
+                        &poses[i],
+                        round.radius,
+                    )
+                })
+                .collect();
+            if !solver.step(&mut body, views, &outlines, &poses, round, options) {
+                break;
+            }
+            if options.transfer_mean_pose && index + 2 < options.rounds.len() {
+                transfer_mean_pose(&mut body, &mut poses, &mut posture);
+            }
+        }
+    }
+    let shift = body
+        .positions
+        .iter()
+        .zip(&avatar.mesh.positions)
+        .map(|(p, rest)| *p - *rest)
+        .sum::<DVec3>()
+        / body.positions.len().max(1) as f64;
+    let shift = DVec3::new(shift.x, 0.0, shift.z);
+    let mut fitted = avatar.clone();
+    fitted.mesh.positions = body.positions.iter().map(|p| *p - shift).collect();
+    fitted.bone_heads = body.bone_heads.map(|p| p - shift);
+    fitted.keypoints = body.keypoints.map(|p| p - shift);
+    for (pose, view) in poses.iter_mut().zip(views) {
+        // The root turns about the origin, so that the same room points come from the shifted body.
+        let turned = pose_bones(&body.bone_heads, pose, view.turn);
+        pose.shift_mm = turned.carry(Bone::Root, shift);
+    }
+    Fit {
+        avatar: fitted,
+        poses,
+    }
+}
+
+/// Takes what all poses share out of them and into the surface
+fn transfer_mean_pose(body: &mut Body, poses: &mut [Pose], posture: &mut Pose) {
+    let count = poses.len().max(1) as f64;
+    let mut mean = Pose::default();
+    for bone in Bone::ALL.into_iter().filter(|&bone| carries_posture(bone)) {
+        let b = bone as usize;
+        mean.rotations[b] = poses.iter().map(|p| p.rotations[b]).sum::<DVec3>() / count;
+        for pose in poses.iter_mut() {
+            pose.rotations[b] -= mean.rotations[b];
+        }
+        posture.rotations[b] = DVec3::ZERO;
+    }
+    body.repose(&mean);
+}
