@@ -120,21 +120,25 @@ pub struct Outlier {
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum BundleWarning {
     /// All lengths are in units of the assumed stature
-    #[error("the stature is unknown: all lengths assume {assumed_mm:.0} mm; give stature_mm")]
+    #[error(
+        "the stature is unknown: all lengths assume {assumed_mm:.0} mm; give subject.stature_mm in scan.json"
+    )]
     StatureUnknown {
         /// Stature of the reference figure, in mm
         assumed_mm: f64,
     },
     /// The field of view was estimated from little
     #[error(
-        "the field of view is unknown: {estimated_degrees:.1} degrees fit best; give vertical_fov_deg"
+        "the field of view is unknown: {estimated_degrees:.1} degrees fit best; give camera.vertical_fov_deg in scan.json"
     )]
     FieldOfViewUnknown {
         /// Vertical field of view that was used, in degrees
         estimated_degrees: f64,
     },
     /// The camera's height was estimated
-    #[error("the height of the camera is unknown: {estimated_mm:.0} mm fit best; give height_mm")]
+    #[error(
+        "the height of the camera is unknown: {estimated_mm:.0} mm fit best; give camera.height_mm in scan.json"
+    )]
     CameraHeightUnknown {
         /// Height that was used, in mm
         estimated_mm: f64,
