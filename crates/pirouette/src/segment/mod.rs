@@ -11,6 +11,7 @@ mod prior;
 mod tests;
 
 use pirouette_geom::{Grid, Mask};
+use pirouette_segment::border::{clean, soft_border, tidy_soft};
 use pirouette_segment::grabcut::{GrabCutError, GrabCutOptions, grabcut};
 use pirouette_segment::plate::PlateOptions;
 use pirouette_segment::scene::{SceneOptions, SceneView, segment_scene};
@@ -20,7 +21,7 @@ use rayon::prelude::*;
 use crate::scan::Photo;
 use crate::skeleton::Keypoints;
 use bones::SeedLines;
-use prior::Prior;
+use prior::{Prior, PriorFit};
 
 /// One view to segment
 #[derive(Debug, Clone, Copy)]
@@ -52,7 +53,8 @@ pub struct SegmentOptions {
     pub alpha: bool,
     /// Passes over all views; a third changes the IoU by 0.0001
     pub passes: usize,
-    /// Cutting each photo by itself, as published, whatever the switches above say
+    /// Cutting each photo by itself, as published, with `prior`, `soft_prior` and `alpha` if they are on; for
+    /// persons in street clothes
     pub single: bool,
 }
 
@@ -160,13 +162,18 @@ pub fn segment(
     options: &SegmentOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Vec<Result<Silhouette, SegmentError>> {
+    let fit = if options.single || views.len() < 2 {
+        PriorFit::SINGLE
+    } else {
+        PriorFit::SCAN
+    };
     let prepared: Vec<Result<Prepared, SegmentError>> = views
         .par_iter()
-        .map(|view| Prepared::new(view, options))
+        .map(|view| Prepared::new(view, options, &fit))
         .collect();
     let usable = prepared.iter().filter(|p| p.is_ok()).count();
     let cuts = if options.single || usable < 2 {
-        cut_singly(views, &prepared, cancelled)
+        cut_singly(views, &prepared, options, cancelled)
     } else {
         cut_together(views, &prepared, options, cancelled)
     };
@@ -236,6 +243,7 @@ fn cut_together(
 fn cut_singly(
     views: &[SegmentView],
     prepared: &[Result<Prepared, SegmentError>],
+    options: &SegmentOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Vec<Cut> {
     views
@@ -246,7 +254,7 @@ fn cut_singly(
             let cut = grabcut(
                 view.photo,
                 &prepared.seeds,
-                prepared.odds.as_ref(),
+                prepared.odds.as_ref().filter(|_| options.soft_prior),
                 &GrabCutOptions::default(),
                 cancelled,
             );
@@ -256,8 +264,13 @@ fn cut_singly(
                     Ok((mask, soft))
                 }
                 Ok(mask) => {
-                    let mask = pirouette_segment::border::clean(&mask, prepared.scale);
-                    let soft = mask.map(|&v| if v { 1.0 } else { 0.0 });
+                    let mask = clean(&mask, prepared.scale);
+                    if !options.alpha {
+                        let soft = mask.map(|&v| if v { 1.0 } else { 0.0 });
+                        return Some(Ok((mask, soft)));
+                    }
+                    let mut soft = soft_border(view.photo, &mask, None, prepared.scale);
+                    let mask = tidy_soft(&mut soft, prepared.scale);
                     Ok((mask, soft))
                 }
                 Err(error) => Err(error.into()),
@@ -275,7 +288,11 @@ struct Prepared {
 }
 
 impl Prepared {
-    fn new(view: &SegmentView, options: &SegmentOptions) -> Result<Self, SegmentError> {
+    fn new(
+        view: &SegmentView,
+        options: &SegmentOptions,
+        fit: &PriorFit,
+    ) -> Result<Self, SegmentError> {
         let (width, height) = (view.photo.width(), view.photo.height());
         if let Some(mask) = view.mask {
             check_size("mask", view.photo, mask)?;
@@ -299,7 +316,7 @@ impl Prepared {
         let scale = prior
             .and_then(stature_px)
             .map_or(lines.scale(), |px| px / 800.0);
-        if let Some(prior) = prior.and_then(|prior| Prior::new(prior, &lines, scale)) {
+        if let Some(prior) = prior.and_then(|prior| Prior::new(prior, &lines, scale, fit)) {
             return Ok(Self {
                 seeds: prior.seeds,
                 odds: Some(prior.odds),
