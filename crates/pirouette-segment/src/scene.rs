@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::band::BandCut;
 use crate::border::{clean, soft_border, tidy_soft};
 use crate::color_model::{ColorModel, ColorModelOptions};
-use crate::grabcut::{GrabCutError, check_size};
+use crate::grabcut::{GrabCutError, check_size, log_sum_exp};
 use crate::plate::{BackgroundPlate, PlateOptions};
 use crate::seeds::{LogOdds, Seed};
 
@@ -410,11 +410,6 @@ fn cut_view(
     }
     band.solve(&odds);
     clean(&band.mask(view.seeds), view.scale)
-}
-
-fn log_sum_exp(a: f32, b: f32) -> f32 {
-    let (large, small) = if a > b { (a, b) } else { (b, a) };
-    large + (small - large).exp().ln_1p()
 }
 
 fn finish(
