@@ -104,7 +104,7 @@ pub struct ScanArgs {
 /// How the job is done
 #[derive(Debug, Args)]
 pub struct MethodArgs {
-    /// `fit` aligns all views with one shared skeleton; `three-step` is the published method, view by view
+    /// `fit` explains all views by one body; `three-step` is the published method, view by view
     #[arg(long, value_enum, default_value_t = Method::Fit)]
     pub method: Method,
 
@@ -127,6 +127,10 @@ pub struct MethodArgs {
     /// Leave the refinement out [default with fit]
     #[arg(long)]
     pub no_refine: bool,
+
+    /// Carve the visual hull, too, and write it beside the fitted body, in the same formats
+    #[arg(long)]
+    pub hull: bool,
 }
 
 /// Arguments of `demo`

@@ -45,6 +45,7 @@ pub fn config(args: &MethodArgs, goal: Goal) -> Result<Config> {
     let mut config = Config::new(goal, method);
     config.register = (config.register || args.register) && !args.no_register;
     config.refine = (config.refine || args.refine) && !args.no_refine;
+    config.hull = args.hull;
     if let Some(file) = &args.avatar {
         let bytes = std::fs::read(file)
             .with_context(|| format!("cannot read the avatar {}", file.display()))?;

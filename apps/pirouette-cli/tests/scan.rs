@@ -130,7 +130,7 @@ fn the_report_stands_alone_and_escapes_names() {
         "view 002 is left out",
         "the stature is unknown",
         "distance to the turning axis",
-        "<th>carve</th>",
+        "<th>fit</th>",
     ] {
         assert!(html.contains(told), "{told}");
     }

@@ -13,6 +13,7 @@ mod pose_step;
 mod rim;
 mod shape_step;
 mod surface;
+mod targets;
 
 use glam::{DVec2, DVec3};
 use pirouette_geom::Grid;
@@ -27,6 +28,8 @@ use crate::units::TurnAngle;
 use matches::Outline;
 use shape_step::ShapeSolver;
 use surface::Surface;
+
+pub use targets::OutlineTargets;
 
 /// Height of the person in the photos for which the pixel values of the fit are given
 ///

@@ -88,10 +88,12 @@ pub fn write_results(
         write_whole(&file, &jpeg)?;
         contact_sheet = Some(jpeg);
     }
-    if let Some(body) = &report.body {
-        for format in options.formats {
-            let file = folder.join(format!("body.{}", format.extension()));
-            write_whole(&file, &format.write(body))?;
+    for (name, mesh) in [("body", &report.body), ("hull", &report.hull)] {
+        if let Some(mesh) = mesh {
+            for format in options.formats {
+                let file = folder.join(format!("{name}.{}", format.extension()));
+                write_whole(&file, &format.write(mesh))?;
+            }
         }
     }
     if let Some(measurements) = &report.measurements {

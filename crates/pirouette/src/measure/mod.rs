@@ -175,10 +175,12 @@ impl Measure {
 /// What to measure, all in the world frame, mm
 #[derive(Debug, Clone, Copy)]
 pub struct MeasureInput<'a> {
-    /// The carved body
+    /// The body
     pub body: &'a TriMesh,
-    /// The reference figure with the person's bone lengths, in the reference pose
+    /// The fitted body, or the reference figure with the person's bone lengths, in the reference pose
     pub avatar: &'a Avatar,
+    /// Whether the avatar is the person's own body
+    pub fitted: bool,
     /// Silhouettes of the person in the reference pose, and how they were seen
     pub views: &'a [CarveView<'a>],
     /// Height of the person, if known

@@ -153,6 +153,7 @@ fn measured(avatar: &Avatar, silhouettes: &[Grid<f32>], turns: &[f64], of: Measu
     let all = measure(&MeasureInput {
         body: &body,
         avatar,
+        fitted: false,
         views: &views,
         stature_mm: None,
     });
@@ -287,6 +288,7 @@ fn few_outlines_leave_the_section_of_the_hull() {
     let all = measure(&MeasureInput {
         body: &body.mesh(),
         avatar: &avatar,
+        fitted: false,
         views: &[],
         stature_mm: Some(1723.0),
     });
@@ -310,6 +312,7 @@ fn what_cannot_be_had_is_null_with_the_reason() {
     let all = measure(&MeasureInput {
         body: &TriMesh::default(),
         avatar: &avatar,
+        fitted: false,
         views: &views(&blank, &[0.0]),
         stature_mm: None,
     });

@@ -26,6 +26,9 @@ const HANDLES_PER_BONE: usize = 7;
 /// On the contour itself, a handle a pixel off the true joint would dent the outline.
 const HANDLE_CLEARANCE_PX: f64 = 1.5;
 
+/// Normals of the contour are taken over this many of its points to either side
+const NORMAL_REACH: usize = 4;
+
 /// A line of handles from joint to joint
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HandleBone {
@@ -271,49 +274,60 @@ impl DeformableSilhouette {
         sources: &[DVec2],
         options: &DeformOptions,
     ) -> Result<Self, DeformError> {
-        if contours.is_empty() {
-            return Err(DeformError::Empty);
-        }
-        let meshing = TriangulateOptions {
-            max_area: Some(options.max_triangle_area),
-            clearance: HANDLE_CLEARANCE_PX,
-        };
-        let longest_px = meshing.spacing_px().unwrap_or(f64::INFINITY);
-        let stays = simplify_apart(contours, options.tolerance_px, longest_px);
-        let simplified: Vec<Contour> = contours
-            .iter()
-            .zip(&stays)
-            .map(|(contour, stays)| Contour {
-                points: stays.iter().map(|&i| contour.points[i]).collect(),
-                hole: contour.hole,
-            })
-            .collect();
-        let made = triangulate(&simplified, sources, &meshing).map_err(DeformError::Mesh)?;
-
-        let mut constrained: Vec<u32> = made.interior_vertices.iter().flatten().copied().collect();
+        let meshed = Meshed::new(contours, sources, options)?;
+        let mut constrained: Vec<u32> = meshed.interior.iter().flatten().copied().collect();
         constrained.sort_unstable();
         constrained.dedup();
-        let places = made
-            .interior_vertices
+        let places = meshed
+            .interior
             .iter()
             .map(|v| Some(constrained.binary_search(&(*v)?).ok()? as u32))
             .collect();
-        let solver = ArapSolver::new(&made.mesh, &constrained).map_err(DeformError::Arap)?;
-        let attached = contours
-            .iter()
-            .zip(&stays)
-            .zip(&made.contour_vertices)
-            .map(|((contour, stays), vertices)| attach(contour, stays, vertices, &made.mesh))
-            .collect();
-        Ok(Self {
-            mesh: made.mesh,
-            solver,
-            places,
-            constrained,
-            sources: sources.to_vec(),
-            contours: attached,
-            arap: options.arap,
-        })
+        meshed.prepare(constrained, places, sources.to_vec(), options)
+    }
+
+    /// Meshes the contours of a silhouette and takes points of the contours themselves as handles
+    ///
+    /// `target` tells where a point with a normal that leads out of the silhouette should go, both in px; points for
+    /// which it does not know follow the others. Also returns the targets, for [`DeformableSilhouette::deform`].
+    ///
+    /// # Errors
+    /// When the contours enclose nothing.
+    pub fn by_outline(
+        contours: &[Contour],
+        target: impl Fn(DVec2, DVec2) -> Option<DVec2>,
+        options: &DeformOptions,
+    ) -> Result<(Self, Vec<DVec2>), DeformError> {
+        let meshed = Meshed::new(contours, &[], options)?;
+        let mut handles: Vec<(u32, DVec2, DVec2)> = Vec::new();
+        for ((contour, stays), vertices) in
+            contours.iter().zip(&meshed.stays).zip(&meshed.on_contour)
+        {
+            let count = contour.points.len();
+            for (&at, vertex) in stays.iter().zip(vertices) {
+                let reach = NORMAL_REACH.min(count / 2);
+                let along = contour.points[(at + reach) % count]
+                    - contour.points[(at + count - reach) % count];
+                // Clockwise on screen around the silhouette, so that out is a quarter turn to the left.
+                let out = DVec2::new(along.y, -along.x).try_normalize();
+                if let (Some(vertex), Some(out)) = (*vertex, out)
+                    && let Some(target) = target(contour.points[at], out)
+                    && target.is_finite()
+                {
+                    handles.push((vertex, meshed.mesh.positions[vertex as usize], target));
+                }
+            }
+        }
+        handles.sort_by_key(|handle| handle.0);
+        handles.dedup_by_key(|handle| handle.0);
+        let constrained: Vec<u32> = handles.iter().map(|handle| handle.0).collect();
+        let places = (0..handles.len() as u32).map(Some).collect();
+        let sources = handles.iter().map(|handle| handle.1).collect();
+        let targets = handles.iter().map(|handle| handle.2).collect();
+        Ok((
+            meshed.prepare(constrained, places, sources, options)?,
+            targets,
+        ))
     }
 
     /// The rest mesh
@@ -363,6 +377,76 @@ impl DeformableSilhouette {
             contours,
             deformation,
         }
+    }
+}
+
+/// Contours with their mesh
+struct Meshed<'a> {
+    contours: &'a [Contour],
+    /// Places of the points of each contour that the simplified contour keeps
+    stays: Vec<Vec<usize>>,
+    mesh: PlanarMesh,
+    interior: Vec<Option<u32>>,
+    on_contour: Vec<Vec<Option<u32>>>,
+}
+
+impl<'a> Meshed<'a> {
+    fn new(
+        contours: &'a [Contour],
+        interior: &[DVec2],
+        options: &DeformOptions,
+    ) -> Result<Self, DeformError> {
+        if contours.is_empty() {
+            return Err(DeformError::Empty);
+        }
+        let meshing = TriangulateOptions {
+            max_area: Some(options.max_triangle_area),
+            clearance: HANDLE_CLEARANCE_PX,
+        };
+        let longest_px = meshing.spacing_px().unwrap_or(f64::INFINITY);
+        let stays = simplify_apart(contours, options.tolerance_px, longest_px);
+        let simplified: Vec<Contour> = contours
+            .iter()
+            .zip(&stays)
+            .map(|(contour, stays)| Contour {
+                points: stays.iter().map(|&i| contour.points[i]).collect(),
+                hole: contour.hole,
+            })
+            .collect();
+        let made = triangulate(&simplified, interior, &meshing).map_err(DeformError::Mesh)?;
+        Ok(Self {
+            contours,
+            stays,
+            mesh: made.mesh,
+            interior: made.interior_vertices,
+            on_contour: made.contour_vertices,
+        })
+    }
+
+    fn prepare(
+        self,
+        constrained: Vec<u32>,
+        places: Vec<Option<u32>>,
+        sources: Vec<DVec2>,
+        options: &DeformOptions,
+    ) -> Result<DeformableSilhouette, DeformError> {
+        let solver = ArapSolver::new(&self.mesh, &constrained).map_err(DeformError::Arap)?;
+        let contours = self
+            .contours
+            .iter()
+            .zip(&self.stays)
+            .zip(&self.on_contour)
+            .map(|((contour, stays), vertices)| attach(contour, stays, vertices, &self.mesh))
+            .collect();
+        Ok(DeformableSilhouette {
+            mesh: self.mesh,
+            solver,
+            places,
+            constrained,
+            sources,
+            contours,
+            arap: options.arap,
+        })
     }
 }
 

@@ -24,6 +24,7 @@ use pirouette_geom::{Grid, Mask};
 use crate::avatar::Avatar;
 use crate::avatar::render::{silhouette, visible_bones};
 use crate::camera::Camera;
+use crate::fit::OutlineTargets;
 use crate::pose::{Pose, pose_bones};
 use crate::skeleton::{Bone, Joint, Keypoints};
 use crate::units::TurnAngle;
@@ -44,6 +45,8 @@ const CONTOUR_SPACING_PX: f64 = 2.0;
 /// Where targets come from
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum NormalizeMethod {
+    /// The body fitted to all views: the outline follows the body's rim into the reference pose
+    FittedBody,
     /// One skeleton for all views: from its pose in the photo to the reference pose; hidden bones count, too
     #[default]
     SharedSkeleton,
@@ -62,6 +65,8 @@ pub struct NormalizeView<'a> {
     pub keypoints: &'a Keypoints,
     /// The shared skeleton in this view; needed by [`NormalizeMethod::SharedSkeleton`] only
     pub skeleton: Option<&'a SkeletonJoints>,
+    /// The rim of the fitted body; needed by [`NormalizeMethod::FittedBody`] only
+    pub outline: Option<&'a OutlineTargets>,
     /// The avatar in the reference pose, turned like this view
     pub reference: &'a ReferenceView,
 }
@@ -115,6 +120,14 @@ impl NormalizeOptions {
         }
     }
 
+    /// The fitted body, whose rim says where the outline goes
+    pub fn fitted_body() -> Self {
+        Self {
+            method: NormalizeMethod::FittedBody,
+            ..Self::shared_skeleton()
+        }
+    }
+
     /// The published method, all three steps
     pub fn three_step() -> Self {
         Self {
@@ -148,6 +161,9 @@ pub enum NormalizeError {
     /// The shared skeleton is wanted, but the view has none
     #[error("the view has no pose of the shared skeleton; the three-step method works without")]
     NoSkeleton,
+    /// The fitted body is wanted, but there is none
+    #[error("the view has no fitted body; the three-step method works without")]
+    NoFit,
     /// The silhouette cannot be deformed
     #[error(transparent)]
     Deform(#[from] DeformError),
@@ -219,7 +235,7 @@ pub fn normalize(
 
     let detected = align::detected_joints(view.keypoints);
     let (sources, aligned) = match options.method {
-        NormalizeMethod::SharedSkeleton => {
+        NormalizeMethod::FittedBody | NormalizeMethod::SharedSkeleton => {
             let skeleton = view.skeleton.ok_or(NormalizeError::NoSkeleton)?;
             (known(&skeleton.photo), known(&skeleton.reference))
         }
@@ -227,13 +243,25 @@ pub fn normalize(
     };
     let spread = |targets: &JointPositions| -> Handles {
         handles(&sources, targets, |bone| match options.method {
-            NormalizeMethod::SharedSkeleton => true,
+            NormalizeMethod::FittedBody | NormalizeMethod::SharedSkeleton => true,
             NormalizeMethod::ThreeStep => view.reference.visible[bone as usize],
         })
     };
     let first = spread(&aligned);
     let contours = trace_silhouette(view.mask, view.soft, options.deform.contour);
-    let silhouette = DeformableSilhouette::new(&contours, &first.sources, &options.deform)?;
+    // Refined joints move the handles of the bones, so that the outline cannot be held at the same time.
+    let by_outline = options.method == NormalizeMethod::FittedBody && options.refine.is_none();
+    let (silhouette, first) = if by_outline {
+        let outline = view.outline.ok_or(NormalizeError::NoFit)?;
+        let target = |position, normal| outline.target(position, normal);
+        let (silhouette, targets) =
+            DeformableSilhouette::by_outline(&contours, target, &options.deform)?;
+        let sources = targets.clone();
+        (silhouette, Handles { sources, targets })
+    } else {
+        let silhouette = DeformableSilhouette::new(&contours, &first.sources, &options.deform)?;
+        (silhouette, first)
+    };
     let mut contours = silhouette.deform(&first.targets).contours;
 
     let reference_map = (options.register.is_some() || options.refine.is_some())

@@ -80,6 +80,7 @@ fn normalized(joints: &Joints, options: &NormalizeOptions) -> NormalizedView {
             photo: *joints,
             reference: standing(),
         }),
+        outline: None,
         reference: &reference,
     };
     normalize(&view, options).unwrap()
@@ -152,6 +153,7 @@ fn hidden_bones_are_no_handles_in_the_published_method() {
         soft: &soft,
         keypoints: &keypoints(&swayed()),
         skeleton: None,
+        outline: None,
         reference: &reference,
     };
     let options = NormalizeOptions {
@@ -176,6 +178,7 @@ fn a_view_without_keypoints_keeps_its_pose_and_says_so() {
         soft: &soft,
         keypoints: &Keypoints::default(),
         skeleton: None,
+        outline: None,
         reference: &reference,
     };
     let kept = normalize(&view, &NormalizeOptions::three_step()).unwrap();
@@ -199,6 +202,7 @@ fn poison_gives_errors() {
         soft: &soft,
         keypoints: &poisoned,
         skeleton: None,
+        outline: None,
         reference: &reference,
     };
     let made = normalize(&view, &NormalizeOptions::three_step());

@@ -11,7 +11,7 @@ use crate::avatar::mannequin::{MannequinParameters, mannequin};
 use crate::avatar::{Avatar, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, CarveView, carve, carve_beside_avatar};
-use crate::fit::{Fit, FitOptions, FitView, fit_body};
+use crate::fit::{Fit, FitOptions, FitView, OutlineTargets, fit_body};
 use crate::measure::{MeasureInput, Measurements, measure};
 use crate::normalize::{
     NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
@@ -309,24 +309,32 @@ impl<'a> Job<'a> {
         &mut self,
         avatar: &Avatar,
         bundle: &Bundle,
+        fit: Option<&Fit>,
         views: Vec<ViewReport>,
     ) -> Result<Vec<ViewReport>, PipelineError> {
         let (config, cancel) = (self.config, self.cancel);
         let options = normalize_options(config);
         // The published method knows the person's proportions from the photo alone.
-        let reference = match config.method {
-            Method::Fit => &bundle.avatar,
-            Method::ThreeStep => avatar,
+        let reference = match fit {
+            Some(fit) => &fit.avatar,
+            None => avatar,
         };
         let results: Vec<Option<Result<NormalizedView, NormalizeError>>> =
             self.stage(Stage::Normalize, views.len(), |steps| {
                 views
                     .par_iter()
-                    .map(|view| {
+                    .enumerate()
+                    .map(|(place, view)| {
                         if cancel.cancelled() {
                             return None;
                         }
-                        let normalized = normalize_view(reference, bundle, view, &options);
+                        let normalized = normalize_view(
+                            reference,
+                            bundle,
+                            fit.map(|fit| (fit, place)),
+                            view,
+                            &options,
+                        );
                         steps.done();
                         Some(normalized)
                     })
@@ -361,14 +369,14 @@ impl<'a> Job<'a> {
     pub(super) fn carve(
         &mut self,
         bundle: &Bundle,
+        fit: Option<&Fit>,
         views: &[ViewReport],
     ) -> Result<TriMesh, PipelineError> {
-        let method = self.config.method;
         self.stage(Stage::Carve, 1, |_| {
             let (views, options) = (carve_views(bundle, views), CarveOptions::default());
-            Ok(match method {
-                Method::Fit => carve_beside_avatar(&views, &bundle.avatar, &options)?,
-                Method::ThreeStep => carve(&views, &options)?,
+            Ok(match fit {
+                Some(fit) => carve_beside_avatar(&views, &fit.avatar, &options)?,
+                None => carve(&views, &options)?,
             })
         })?
     }
@@ -377,6 +385,7 @@ impl<'a> Job<'a> {
     pub(super) fn measure(
         &mut self,
         bundle: &Bundle,
+        fit: Option<&Fit>,
         views: &[ViewReport],
         body: &TriMesh,
     ) -> Result<Measurements, PipelineError> {
@@ -384,7 +393,8 @@ impl<'a> Job<'a> {
         self.stage(Stage::Measure, 1, |_| {
             measure(&MeasureInput {
                 body,
-                avatar: &bundle.avatar,
+                avatar: fit.map_or(&bundle.avatar, |fit| &fit.avatar),
+                fitted: fit.is_some(),
                 views: &carve_views(bundle, views),
                 stature_mm: scan.stature_mm,
             })
@@ -395,7 +405,7 @@ impl<'a> Job<'a> {
 /// The steps that a configuration asks for
 fn normalize_options(config: &Config) -> NormalizeOptions {
     let options = match config.method {
-        Method::Fit => NormalizeOptions::shared_skeleton(),
+        Method::Fit => NormalizeOptions::fitted_body(),
         Method::ThreeStep => NormalizeOptions::three_step(),
     };
     NormalizeOptions {
@@ -408,18 +418,24 @@ fn normalize_options(config: &Config) -> NormalizeOptions {
 fn normalize_view(
     reference: &Avatar,
     bundle: &Bundle,
+    fit: Option<(&Fit, usize)>,
     view: &ViewReport,
     options: &NormalizeOptions,
 ) -> Result<NormalizedView, NormalizeError> {
     let (turn, camera) = (bundle.turns[view.index], &bundle.cameras[view.index]);
-    let pose = &bundle.poses[view.index];
-    let skeleton = shared_skeleton_joints(&bundle.avatar, pose, turn, camera);
+    let (skeleton, pose) = match fit {
+        Some((fit, place)) => (&fit.avatar, &fit.poses[place]),
+        None => (&bundle.avatar, &bundle.poses[view.index]),
+    };
+    let skeleton = shared_skeleton_joints(skeleton, pose, turn, camera);
+    let outline = fit.map(|(fit, place)| OutlineTargets::new(fit, place, turn, camera));
     normalize(
         &NormalizeView {
             mask: &view.silhouette.mask,
             soft: &view.silhouette.soft,
             keypoints: &bundle.keypoints[view.index],
             skeleton: Some(&skeleton),
+            outline: outline.as_ref(),
             reference: &ReferenceView::render(reference, turn, camera),
         },
         options,

@@ -24,7 +24,7 @@ pub use warning::Warning;
 /// How views are brought to the reference pose
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
-    /// One skeleton for all views gives targets that agree in space
+    /// One body is fitted to all views
     #[default]
     Fit,
     /// The published method, view by view: limb alignment (eq. 1), registration, refinement
@@ -89,6 +89,8 @@ pub struct Config {
     pub register: bool,
     /// Whether arms and legs are refined against the reference (eq. 5 to 7)
     pub refine: bool,
+    /// Whether the visual hull is carved, too, where another body is the result
+    pub hull: bool,
 }
 
 impl Config {
@@ -104,6 +106,7 @@ impl Config {
             },
             register: published,
             refine: published,
+            hull: false,
         }
     }
 }
@@ -163,6 +166,8 @@ pub fn run(
     let priors = job.render_priors(bundle.as_ref())?;
     let mut views = job.segment(&priors)?;
     drop(priors);
+    let mut found_fit = None;
+    let mut hull = None;
     let mut body = None;
     let mut measurements = None;
     if let Some(bundle) = &bundle
@@ -172,14 +177,22 @@ pub fn run(
             Method::Fit => Some(job.fit(bundle, &views)?),
             Method::ThreeStep => None,
         };
-        views = job.normalize(&avatar, bundle, views)?;
+        views = job.normalize(&avatar, bundle, fit.as_ref(), views)?;
         if config.goal >= Goal::Reconstruct {
-            let carved = job.carve(bundle, &views)?;
-            if config.goal >= Goal::Measure {
-                measurements = Some(job.measure(bundle, &views, &carved)?);
+            if fit.is_none() || config.hull {
+                hull = Some(job.carve(bundle, fit.as_ref(), &views)?);
             }
-            body = Some(fit.map_or(carved, |fit| fit.avatar.mesh));
+            body = match &fit {
+                Some(fit) => Some(fit.avatar.mesh.clone()),
+                None => hull.clone(),
+            };
         }
+        if config.goal >= Goal::Measure
+            && let Some(body) = &body
+        {
+            measurements = Some(job.measure(bundle, fit.as_ref(), &views, body)?);
+        }
+        found_fit = fit;
     }
     let Job {
         dropped,
@@ -192,8 +205,10 @@ pub fn run(
         goal: config.goal,
         avatar,
         bundle,
+        fit: found_fit,
         views,
         body,
+        hull: hull.filter(|_| config.hull),
         measurements,
         dropped,
         warnings,

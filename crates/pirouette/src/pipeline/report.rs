@@ -5,6 +5,7 @@ use thiserror::Error;
 
 use crate::avatar::Avatar;
 use crate::bundle::Bundle;
+use crate::fit::Fit;
 use crate::measure::Measurements;
 use crate::normalize::{NormalizeError, NormalizedView};
 use crate::pipeline::{Goal, Method, Stage, Warning};
@@ -21,11 +22,15 @@ pub struct Report {
     pub avatar: Avatar,
     /// One skeleton for all views; `None` when the keypoints did not suffice and silhouettes were all that was asked for
     pub bundle: Option<Bundle>,
+    /// The body fitted to the views that went through, in their order; by [`Method::Fit`] only
+    pub fit: Option<Fit>,
     /// The views that went through, in the order of the scan
     pub views: Vec<ViewReport>,
     /// The body in the reference pose, world frame, mm
     pub body: Option<TriMesh>,
-    /// Its measurements
+    /// The visual hull of the normalized silhouettes, if it was asked for
+    pub hull: Option<TriMesh>,
+    /// Measurements of the body
     pub measurements: Option<Measurements>,
     /// The views that did not
     pub dropped: Vec<DroppedView>,
