@@ -126,6 +126,18 @@ impl Default for FitOptions {
     }
 }
 
+impl FitOptions {
+    /// The first rounds only, on few vertices: enough to compare bodies to start from
+    pub fn trial() -> Self {
+        let mut options = Self {
+            coarse_count: 1000,
+            ..Self::default()
+        };
+        options.rounds.truncate(4);
+        options
+    }
+}
+
 /// One body and its poses
 #[derive(Debug, Clone)]
 pub struct Fit {
@@ -133,6 +145,8 @@ pub struct Fit {
     pub avatar: Avatar,
     /// Pose of each view
     pub poses: Vec<Pose>,
+    /// How far rim and outlines were apart in the last round (root mean square), in nominal px
+    pub residual_px: f64,
 }
 
 /// The surface while it is fitted
@@ -223,7 +237,8 @@ pub fn fit_body(
         .collect();
     let mut poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
     let mut posture = *posture;
-    let solver = ShapeSolver::new(&surface, &body, stature_mm);
+    let mut residual_px = f64::INFINITY;
+    let solver = ShapeSolver::new(&surface, &body, stature_mm, options);
     if let Some(mut solver) = solver {
         for (index, round) in options.rounds.iter().enumerate() {
             if cancelled() {
@@ -242,9 +257,10 @@ pub fn fit_body(
                     )
                 })
                 .collect();
-            if !solver.step(&mut body, views, &outlines, &poses, round, options) {
+            let Some(off) = solver.step(&mut body, views, &outlines, &poses, round, options) else {
                 break;
-            }
+            };
+            residual_px = off;
             if options.transfer_mean_pose && index + 2 < options.rounds.len() {
                 transfer_mean_pose(&mut body, &mut poses, &mut posture);
             }
@@ -270,20 +286,32 @@ pub fn fit_body(
     Fit {
         avatar: fitted,
         poses,
+        residual_px,
     }
 }
 
-/// Takes what all poses share out of them and into the surface
+/// Takes what all poses share, alike on both sides, out of them and into the surface
+///
+/// The mean of a few swaying views is lopsided by chance: 2.5 degrees of sway of a thigh leave 0.9 degrees over eight views,
+/// which is 12 mm at the foot. So the lopsided part stays in the poses (surface error of three rendered scans: 2.35 mm;
+/// with it 2.71 mm). The body of a person who always stands lopsided comes out upright.
 fn transfer_mean_pose(body: &mut Body, poses: &mut [Pose], posture: &mut Pose) {
     let count = poses.len().max(1) as f64;
-    let mut mean = Pose::default();
+    let mean = |bone: Bone| {
+        let rotations = poses.iter().map(|pose| pose.rotations[bone as usize]);
+        rotations.sum::<DVec3>() / count
+    };
+    // Seen in a mirror (x to -x), a rotation keeps its part about x and reverses the others.
+    let flip = DVec3::new(1.0, -1.0, -1.0);
+    let mut shared = Pose::default();
     for bone in Bone::ALL.into_iter().filter(|&bone| carries_posture(bone)) {
-        let b = bone as usize;
-        mean.rotations[b] = poses.iter().map(|p| p.rotations[b]).sum::<DVec3>() / count;
-        for pose in poses.iter_mut() {
-            pose.rotations[b] -= mean.rotations[b];
-        }
-        posture.rotations[b] = DVec3::ZERO;
+        shared.rotations[bone as usize] = (mean(bone) + mean(bone.mirrored()) * flip) / 2.0;
+        posture.rotations[bone as usize] = DVec3::ZERO;
     }
-    body.repose(&mean);
+    for pose in poses.iter_mut() {
+        for (rotation, shared) in pose.rotations.iter_mut().zip(shared.rotations) {
+            *rotation -= shared;
+        }
+    }
+    body.repose(&shared);
 }

@@ -51,13 +51,22 @@ struct Row {
     gradient: DVec3,
     /// Residual, weighted
     residual: f64,
+    /// Residual, in nominal px
+    off: f64,
+    /// Weight of the match
+    share: f64,
 }
 
 impl ShapeSolver {
     /// Analyzes the system; `None` when memory runs out
     ///
     /// `stature_mm` anchors the crown, if it is known.
-    pub(super) fn new(surface: &Surface, body: &Body, stature_mm: Option<f64>) -> Option<Self> {
+    pub(super) fn new(
+        surface: &Surface,
+        body: &Body,
+        stature_mm: Option<f64>,
+        options: &FitOptions,
+    ) -> Option<Self> {
         let count = surface.coarse_count();
         // L is the identity minus the mean of the neighbors; the energy is |S L d|².
         let mut entries: Vec<([u32; 2], f64)> = Vec::new();
@@ -96,11 +105,18 @@ impl ShapeSolver {
             system,
             bending,
             pairs,
-            anchors: anchors(&body.rest, stature_mm),
+            anchors: if options.anchors {
+                anchors(&body.rest, stature_mm)
+            } else {
+                Vec::new()
+            },
         })
     }
 
-    /// Finds the displacements that explain all outlines best; `false` when the equations break
+    /// Finds the displacements that explain all outlines best
+    ///
+    /// Returns how far the surface was off before, as the root mean square in nominal px of residuals no larger than
+    /// the round's robust width; `None` when the equations break.
     pub(super) fn step(
         &mut self,
         body: &mut Body,
@@ -109,7 +125,7 @@ impl ShapeSolver {
         poses: &[Pose],
         round: &super::Round,
         options: &FitOptions,
-    ) -> bool {
+    ) -> Option<f64> {
         let frozen: &Body = body;
         let rows: Vec<Vec<Row>> = views
             .par_iter()
@@ -158,10 +174,15 @@ impl ShapeSolver {
             }
         }
         if !self.system.solve(&mut right) {
-            return false;
+            return None;
         }
         body.displace(right);
-        true
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for row in rows.iter().flatten() {
+            sum += row.share * row.off.abs().min(round.robust).powi(2);
+            weight += row.share;
+        }
+        Some((sum / f64::max(weight, 1.0)).sqrt())
     }
 
     fn add_block(&mut self, a: u32, b: u32, block: DMat3) {
@@ -254,6 +275,8 @@ fn rows_of_view(
                 vertex: m.vertex,
                 gradient: gradient * weight,
                 residual: residual * weight,
+                off: residual,
+                share: m.weight,
             }
         })
         .collect()

@@ -130,7 +130,7 @@ fn write_view(
     let overlay = draw_overlay(view, report.bundle.as_ref(), found);
     let file = folder.join("overlay.jpg");
     write_whole(&file, &as_jpeg(&file, &overlay)?)?;
-    let value = view_value(view, report.bundle.as_ref(), found);
+    let value = view_value(view, report, found);
     write_json(&folder.join("view.json"), &value)?;
     let for_page = with_page.then(|| as_jpeg(&file, &shrink(overlay, PAGE_OVERLAY_PX)));
     for_page.transpose()
@@ -260,7 +260,15 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
     });
     if let Some(bundle) = &report.bundle {
         value["camera"] = camera_value(bundle);
-        value["skeleton"] = skeleton_value(bundle);
+        value["skeleton"] = skeleton_value(bundle, &loaded.scan.views);
+    }
+    if let Some(fit) = &report.fit {
+        value["fit"] = json!({ "residual_px": rounded(fit.residual_px, 3) });
+        if let Some(start) = &report.start {
+            value["fit"]["start"] = json!({
+                "sex": start.sex.name(), "mass_kg": rounded(start.mass_kg, 1),
+            });
+        }
     }
     value
 }
@@ -312,7 +320,7 @@ fn camera_value(bundle: &Bundle) -> Value {
     })
 }
 
-fn skeleton_value(bundle: &Bundle) -> Value {
+fn skeleton_value(bundle: &Bundle, views: &[View]) -> Value {
     let scales = Scale::ALL
         .iter()
         .map(|&scale| {
@@ -320,10 +328,26 @@ fn skeleton_value(bundle: &Bundle) -> Value {
             (scale.name().to_owned(), rounded(factor, 4))
         })
         .collect::<Map<_, _>>();
-    json!({ "rms_px": rounded(bundle.rms_px, 2), "bone_scales": scales })
+    let mended = bundle
+        .swaps
+        .iter()
+        .map(|(view, limb)| json!({ "view": views[*view].name, "swapped_back": limb.name() }));
+    let outliers = bundle.outliers.iter().map(|outlier| {
+        json!({
+            "view": views[outlier.view].name,
+            "joint": outlier.joint.name(),
+            "off_px": rounded(outlier.residual_px, 1),
+        })
+    });
+    json!({
+        "rms_px": rounded(bundle.rms_px, 2),
+        "bone_scales": scales,
+        "mended": mended.collect::<Vec<_>>(),
+        "outliers": outliers.collect::<Vec<_>>(),
+    })
 }
 
-fn view_value(view: &View, bundle: Option<&Bundle>, found: &ViewReport) -> Value {
+fn view_value(view: &View, report: &Report, found: &ViewReport) -> Value {
     let (width, height) = view.input_size_px;
     // Everything inside is in px of the photo that was worked on.
     let scale = DVec2::new(
@@ -366,7 +390,12 @@ fn view_value(view: &View, bundle: Option<&Bundle>, found: &ViewReport) -> Value
         value["limbs"] = Value::Object(limbs.collect());
         value["reference_iou"] = rounded(normalized.reference_iou, 4);
     }
-    if let Some(pose) = bundle.and_then(|bundle| bundle.poses.get(found.index)) {
+    let fitted = report.fit.as_ref().and_then(|fit| {
+        let place = report.views.iter().position(|v| v.index == found.index)?;
+        fit.poses.get(place)
+    });
+    let by_keypoints = || report.bundle.as_ref()?.poses.get(found.index);
+    if let Some(pose) = fitted.or_else(by_keypoints) {
         let rotations = Bone::ALL
             .iter()
             .map(|&bone| {

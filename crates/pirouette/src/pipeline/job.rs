@@ -7,22 +7,23 @@ use pirouette_geom::{Grid, TriMesh};
 use rayon::prelude::*;
 
 use crate::avatar::gltf::load_avatar;
-use crate::avatar::mannequin::{MannequinParameters, mannequin};
+use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
 use crate::avatar::{Avatar, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, CarveView, carve, carve_beside_avatar};
-use crate::fit::{Fit, FitOptions, FitView, OutlineTargets, fit_body};
+use crate::fit::{Fit, FitOptions, OutlineTargets, fit_body};
 use crate::measure::{MeasureInput, Measurements, measure};
 use crate::normalize::{
     NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
     RegisterOptions, normalize, shared_skeleton_joints,
 };
+use crate::pipeline::start;
 use crate::pipeline::warning::{self, Warning};
 use crate::pipeline::{
     AvatarSource, CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError,
-    Stage, ViewReport,
+    Stage, StartFigure, ViewReport,
 };
-use crate::pose::pose_bones;
+use crate::pose::{Pose, pose_bones};
 use crate::scan::Scan;
 use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
 
@@ -278,29 +279,36 @@ impl<'a> Job<'a> {
         &mut self,
         bundle: &Bundle,
         views: &[ViewReport],
-    ) -> Result<Fit, PipelineError> {
+    ) -> Result<(Fit, Option<StartFigure>), PipelineError> {
         let (scan, cancel) = (self.scan, self.cancel);
+        // A mannequin about which nothing was said is a first guess only.
+        let free = matches!(
+            self.config.avatar,
+            AvatarSource::Mannequin {
+                sex: Sex::Neutral,
+                mass_kg: None
+            }
+        );
         self.stage(Stage::Fit, 1, |_| {
             let stature_mm = scan.stature_mm.unwrap_or(bundle.avatar.stature_mm());
-            let fit_views: Vec<FitView> = views
-                .iter()
-                .map(|view| FitView {
-                    silhouette: &view.silhouette.soft,
-                    keypoints: &bundle.keypoints[view.index],
-                    camera: bundle.cameras[view.index],
-                    turn: bundle.turns[view.index],
-                    pose: bundle.poses[view.index],
-                    stature_mm,
-                })
-                .collect();
-            fit_body(
-                &bundle.avatar,
-                &bundle.posture,
-                &fit_views,
+            let cancelled = || cancel.cancelled();
+            let start = free
+                .then(|| start::choose_start(scan, bundle, views, stature_mm, &cancelled))
+                .flatten();
+            let poses: Vec<Pose> = views.iter().map(|view| bundle.poses[view.index]).collect();
+            let (avatar, posture, poses) = match &start {
+                Some(start) => (&start.avatar, &start.posture, &start.poses),
+                None => (&bundle.avatar, &bundle.posture, &poses),
+            };
+            let fit = fit_body(
+                avatar,
+                posture,
+                &start::fit_views(bundle, views, poses, stature_mm),
                 Some(stature_mm),
                 &FitOptions::default(),
-                &|| cancel.cancelled(),
-            )
+                &cancelled,
+            );
+            (fit, start.map(|start| start.figure))
         })
     }
 

@@ -6,6 +6,7 @@
 mod event;
 mod job;
 mod report;
+mod start;
 mod warning;
 
 use thiserror::Error;
@@ -19,6 +20,7 @@ use job::Job;
 
 pub use event::{CancelToken, Event, Stage};
 pub use report::{DropReason, DroppedView, Report, ViewReport};
+pub use start::StartFigure;
 pub use warning::Warning;
 
 /// How views are brought to the reference pose
@@ -167,6 +169,7 @@ pub fn run(
     let mut views = job.segment(&priors)?;
     drop(priors);
     let mut found_fit = None;
+    let mut start = None;
     let mut hull = None;
     let mut body = None;
     let mut measurements = None;
@@ -174,7 +177,11 @@ pub fn run(
         && config.goal >= Goal::Normalize
     {
         let fit = match config.method {
-            Method::Fit => Some(job.fit(bundle, &views)?),
+            Method::Fit => {
+                let (fit, figure) = job.fit(bundle, &views)?;
+                start = figure;
+                Some(fit)
+            }
             Method::ThreeStep => None,
         };
         views = job.normalize(&avatar, bundle, fit.as_ref(), views)?;
@@ -206,6 +213,7 @@ pub fn run(
         avatar,
         bundle,
         fit: found_fit,
+        start,
         views,
         body,
         hull: hull.filter(|_| config.hull),

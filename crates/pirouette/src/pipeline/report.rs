@@ -8,7 +8,7 @@ use crate::bundle::Bundle;
 use crate::fit::Fit;
 use crate::measure::Measurements;
 use crate::normalize::{NormalizeError, NormalizedView};
-use crate::pipeline::{Goal, Method, Stage, Warning};
+use crate::pipeline::{Goal, Method, Stage, StartFigure, Warning};
 use crate::segment::{SegmentError, Silhouette};
 
 /// What a job found, up to its goal
@@ -24,6 +24,8 @@ pub struct Report {
     pub bundle: Option<Bundle>,
     /// The body fitted to the views that went through, in their order; by [`Method::Fit`] only
     pub fit: Option<Fit>,
+    /// The mannequin that the fit started from, where the silhouettes chose it
+    pub start: Option<StartFigure>,
     /// The views that went through, in the order of the scan
     pub views: Vec<ViewReport>,
     /// The body in the reference pose, world frame, mm

@@ -48,6 +48,15 @@ pub enum Sex {
 }
 
 impl Sex {
+    /// Name in files
+    pub fn name(self) -> &'static str {
+        match self {
+            Sex::Female => "female",
+            Sex::Male => "male",
+            Sex::Neutral => "neutral",
+        }
+    }
+
     /// Mean stature of the survey's persons, in mm
     pub fn mean_stature_mm(self) -> f64 {
         match self {
