@@ -20,6 +20,7 @@ use pirouette_geom::Grid;
 use rayon::prelude::*;
 
 use crate::avatar::Avatar;
+use crate::avatar::render::SilhouetteMesh;
 use crate::bundle::keypoint_sigma_px;
 use crate::camera::Camera;
 use crate::pose::{Pose, SkinWeight, pose_bones};
@@ -145,8 +146,18 @@ pub struct Fit {
     pub avatar: Avatar,
     /// Pose of each view
     pub poses: Vec<Pose>,
+    /// Intersection over union of the posed body's silhouette with that of the photo, for each view
+    pub silhouette_ious: Vec<f64>,
     /// How far rim and outlines were apart in the last round (root mean square), in nominal px
     pub residual_px: f64,
+}
+
+impl Fit {
+    /// Mean intersection over union of all views, `None` without views
+    pub fn mean_iou(&self) -> Option<f64> {
+        let count = self.silhouette_ious.len();
+        (count > 0).then(|| self.silhouette_ious.iter().sum::<f64>() / count as f64)
+    }
 }
 
 /// The surface while it is fitted
@@ -283,8 +294,20 @@ pub fn fit_body(
         let turned = pose_bones(&body.bone_heads, pose, view.turn);
         pose.shift_mm = turned.carry(Bone::Root, shift);
     }
+    let seen = SilhouetteMesh::new(&fitted.mesh.triangles);
+    let silhouette_ious = views
+        .par_iter()
+        .zip(&poses)
+        .map(|(view, pose)| {
+            let posed = pose_bones(&fitted.bone_heads, pose, view.turn);
+            let positions = posed.skin(&fitted.mesh.positions, &fitted.weights);
+            let coverage = seen.silhouette(&positions, &view.camera);
+            coverage.threshold(0.5).iou(&view.silhouette.threshold(0.5))
+        })
+        .collect();
     Fit {
         avatar: fitted,
+        silhouette_ious,
         poses,
         residual_px,
     }

@@ -263,7 +263,10 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
         value["skeleton"] = skeleton_value(bundle, &loaded.scan.views);
     }
     if let Some(fit) = &report.fit {
-        value["fit"] = json!({ "residual_px": rounded(fit.residual_px, 3) });
+        value["fit"] = json!({
+            "residual_px": rounded(fit.residual_px, 3),
+            "silhouette_iou": fit.mean_iou().map(|iou| rounded(iou, 4)),
+        });
         if let Some(start) = &report.start {
             value["fit"]["start"] = json!({
                 "sex": start.sex.name(), "mass_kg": rounded(start.mass_kg, 1),
@@ -392,10 +395,13 @@ fn view_value(view: &View, report: &Report, found: &ViewReport) -> Value {
     }
     let fitted = report.fit.as_ref().and_then(|fit| {
         let place = report.views.iter().position(|v| v.index == found.index)?;
-        fit.poses.get(place)
+        Some((fit.poses.get(place)?, fit.silhouette_ious.get(place)?))
     });
+    if let Some((_, iou)) = fitted {
+        value["fit_iou"] = rounded(*iou, 4);
+    }
     let by_keypoints = || report.bundle.as_ref()?.poses.get(found.index);
-    if let Some(pose) = fitted.or_else(by_keypoints) {
+    if let Some(pose) = fitted.map(|(pose, _)| pose).or_else(by_keypoints) {
         let rotations = Bone::ALL
             .iter()
             .map(|&bone| {
