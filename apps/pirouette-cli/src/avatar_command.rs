@@ -27,7 +27,7 @@ pub fn run(args: &AvatarArgs, output: Output) -> Result<()> {
     let avatar = avatar(args)?;
     let bytes = match kind {
         Kind::Picture => picture(&avatar, TurnAngle::from_degrees(args.angle), args.shaded)?,
-        Kind::Mesh(format) => format.write(&avatar.mesh),
+        Kind::Mesh(format) => format.write(&avatar),
     };
     write_whole(&args.out, &bytes)?;
     let (stature_mm, vertices) = (avatar.stature_mm(), avatar.mesh.positions.len());

@@ -14,7 +14,7 @@ use thiserror::Error;
 use crate::avatar::ReferencePose;
 use crate::bundle::{Bundle, Scale};
 use crate::io::atomic::{WriteError, make_folder, write_whole};
-use crate::io::mesh::MeshFormat;
+use crate::io::mesh::{BodyMesh, MeshFormat};
 use crate::io::page::{Page, PageView, write_page};
 use crate::io::photo::{encode_jpeg, encode_mask, resample, shrink};
 use crate::io::pictures::{draw_contact_sheet, draw_overlay};
@@ -88,11 +88,17 @@ pub fn write_results(
         write_whole(&file, &jpeg)?;
         contact_sheet = Some(jpeg);
     }
-    for (name, mesh) in [("body", &report.body), ("hull", &report.hull)] {
-        if let Some(mesh) = mesh {
+    // What was fitted has bones.
+    let body = report.body.as_ref().map(|mesh| match &report.fit {
+        Some(fit) => BodyMesh::from(&fit.avatar),
+        None => BodyMesh::from(mesh),
+    });
+    let hull = report.hull.as_ref().map(BodyMesh::from);
+    for (name, body) in [("body", body), ("hull", hull)] {
+        if let Some(body) = body {
             for format in options.formats {
                 let file = folder.join(format!("{name}.{}", format.extension()));
-                write_whole(&file, &format.write(mesh))?;
+                write_whole(&file, &format.write(body))?;
             }
         }
     }

@@ -1,18 +1,24 @@
-//! Binary glTF 2.0: one node with one mesh, in meters, with normals.
+//! Binary glTF 2.0: one mesh with normals in meters, with its bones where it has some.
 
-use glam::DVec3;
+use glam::{DMat4, DVec3};
 use pirouette_geom::TriMesh;
-use serde_json::json;
+use serde_json::{Value, json};
+
+use super::{BodyMesh, Skin};
+use crate::skeleton::Bone;
 
 const METERS_PER_MM: f64 = 1e-3;
 
-/// The bytes of a GLB file: y up, meters (`mesh` is in millimeters), vertex normals, one matte material
+/// The bytes of a GLB file: y up, meters (`body` is in millimeters), vertex normals, one matte material
+///
+/// A skinned body comes with one node per bone, named as Blender mirrors them (`forearm.L`), none of them
+/// rotated; other programs pose it by turning them.
 ///
 /// # Panics
-/// When a triangle names a vertex that does not exist.
-pub fn write_glb(mesh: &TriMesh) -> Vec<u8> {
+/// When a triangle names a vertex that does not exist, or there are skinning weights for some vertices only.
+pub fn write_glb(body: &BodyMesh) -> Vec<u8> {
     // glTF forbids empty accessors: without triangles the node stays empty.
-    let (document, binary) = if mesh.triangles.is_empty() {
+    let (document, binary) = if body.mesh.triangles.is_empty() {
         (
             json!({
                 "asset": asset(),
@@ -23,7 +29,7 @@ pub fn write_glb(mesh: &TriMesh) -> Vec<u8> {
             Vec::new(),
         )
     } else {
-        with_mesh(mesh)
+        with_mesh(body)
     };
     let mut text = document.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
@@ -40,7 +46,7 @@ pub fn write_glb(mesh: &TriMesh) -> Vec<u8> {
     bytes
 }
 
-fn asset() -> serde_json::Value {
+fn asset() -> Value {
     json!({ "version": "2.0", "generator": concat!("pirouette ", env!("CARGO_PKG_VERSION")) })
 }
 
@@ -50,52 +56,75 @@ fn push_chunk(bytes: &mut Vec<u8>, kind: &[u8; 4], data: &[u8]) {
     bytes.extend(data);
 }
 
-/// The document and its buffer: positions, normals, indices
-fn with_mesh(mesh: &TriMesh) -> (serde_json::Value, Vec<u8>) {
-    const FLOAT: u32 = 5126;
-    const UNSIGNED_INT: u32 = 5125;
-    const ARRAY_BUFFER: u32 = 34962;
-    const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+const UNSIGNED_BYTE: u32 = 5121;
+const UNSIGNED_INT: u32 = 5125;
+const FLOAT: u32 = 5126;
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
-    let vertex_count = mesh.positions.len();
-    let vertex_bytes = 12 * vertex_count;
-    let index_bytes = 12 * mesh.triangles.len();
-    let mut binary = Vec::with_capacity(2 * vertex_bytes + index_bytes);
-    let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for &position in &mesh.positions {
-        let meters = (position * METERS_PER_MM).to_array().map(|v| v as f32);
-        for (axis, value) in meters.into_iter().enumerate() {
-            lo[axis] = lo[axis].min(value);
-            hi[axis] = hi[axis].max(value);
-            binary.extend(value.to_le_bytes());
+/// The buffer of a document, and what describes it
+#[derive(Default)]
+struct Buffer {
+    binary: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Buffer {
+    /// Appends values, whose elements take whole words, and hands back their accessor
+    fn push(&mut self, bytes: &[u8], target: Option<u32>, mut accessor: Value) -> usize {
+        let mut view =
+            json!({ "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len() });
+        if let Some(target) = target {
+            view["target"] = json!(target);
         }
+        accessor["bufferView"] = json!(self.views.len());
+        self.views.push(view);
+        self.accessors.push(accessor);
+        self.binary.extend(bytes);
+        self.accessors.len() - 1
     }
-    for normal in mesh.vertex_normals() {
-        // glTF asks for unit normals, also where the surface has no area.
-        let normal = if normal == DVec3::ZERO {
-            DVec3::Y
-        } else {
-            normal
-        };
-        for value in normal.to_array() {
-            binary.extend((value as f32).to_le_bytes());
-        }
+}
+
+fn float_bytes(values: impl IntoIterator<Item = f64>) -> Vec<u8> {
+    let floats = values.into_iter().map(|value| value as f32);
+    floats.flat_map(f32::to_le_bytes).collect()
+}
+
+/// The document and its buffer
+fn with_mesh(body: &BodyMesh) -> (Value, Vec<u8>) {
+    let mut buffer = Buffer::default();
+    let (mut attributes, indices) = push_surface(&mut buffer, body.mesh);
+    let mut scene = vec![0];
+    let mut nodes = vec![json!({ "name": "body", "mesh": 0 })];
+    let mut skins = Vec::new();
+    if let Some(skin) = &body.skin {
+        assert_eq!(
+            skin.weights.len(),
+            body.mesh.positions.len(),
+            "one skinning weight per vertex"
+        );
+        push_weights(&mut buffer, skin, &mut attributes);
+        let inverse_binds = push_inverse_binds(&mut buffer, skin);
+        let first_bone = nodes.len();
+        nodes[0]["skin"] = json!(0);
+        nodes.extend(bone_nodes(skin, first_bone));
+        scene.push(first_bone);
+        skins.push(json!({
+            "name": "skeleton",
+            "joints": Bone::ALL.map(|bone| first_bone + bone as usize),
+            "skeleton": first_bone,
+            "inverseBindMatrices": inverse_binds
+        }));
     }
-    for vertex in mesh.triangles.iter().flatten() {
-        binary.extend(vertex.to_le_bytes());
-    }
-    let document = json!({
+    let mut document = json!({
         "asset": asset(),
         "scene": 0,
-        "scenes": [{ "nodes": [0] }],
-        "nodes": [{ "name": "body", "mesh": 0 }],
+        "scenes": [{ "nodes": scene }],
+        "nodes": nodes,
         "meshes": [{
             "name": "body",
-            "primitives": [{
-                "attributes": { "POSITION": 0, "NORMAL": 1 },
-                "indices": 2,
-                "material": 0
-            }]
+            "primitives": [{ "attributes": attributes, "indices": indices, "material": 0 }]
         }],
         "materials": [{
             "name": "matte",
@@ -105,24 +134,145 @@ fn with_mesh(mesh: &TriMesh) -> (serde_json::Value, Vec<u8>) {
                 "roughnessFactor": 0.9
             }
         }],
-        "accessors": [
-            { "bufferView": 0, "componentType": FLOAT, "count": vertex_count, "type": "VEC3", "min": lo, "max": hi },
-            { "bufferView": 1, "componentType": FLOAT, "count": vertex_count, "type": "VEC3" },
-            { "bufferView": 2, "componentType": UNSIGNED_INT, "count": 3 * mesh.triangles.len(), "type": "SCALAR" }
-        ],
-        "bufferViews": [
-            { "buffer": 0, "byteOffset": 0, "byteLength": vertex_bytes, "target": ARRAY_BUFFER },
-            { "buffer": 0, "byteOffset": vertex_bytes, "byteLength": vertex_bytes, "target": ARRAY_BUFFER },
-            { "buffer": 0, "byteOffset": 2 * vertex_bytes, "byteLength": index_bytes, "target": ELEMENT_ARRAY_BUFFER }
-        ],
-        "buffers": [{ "byteLength": binary.len() }]
+        "accessors": buffer.accessors,
+        "bufferViews": buffer.views,
+        "buffers": [{ "byteLength": buffer.binary.len() }]
     });
-    (document, binary)
+    // glTF forbids empty lists, too.
+    if !skins.is_empty() {
+        document["skins"] = json!(skins);
+    }
+    (document, buffer.binary)
+}
+
+/// Positions, normals and indices; hands back the attributes and the accessor of the indices
+fn push_surface(buffer: &mut Buffer, mesh: &TriMesh) -> (Value, usize) {
+    let vertex_count = mesh.positions.len();
+    let meters = |p: &DVec3| (*p * METERS_PER_MM).to_array().map(|v| v as f32);
+    let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for position in mesh.positions.iter().map(meters) {
+        for (axis, value) in position.into_iter().enumerate() {
+            lo[axis] = lo[axis].min(value);
+            hi[axis] = hi[axis].max(value);
+        }
+    }
+    let positions: Vec<u8> = mesh
+        .positions
+        .iter()
+        .flat_map(meters)
+        .flat_map(f32::to_le_bytes)
+        .collect();
+    let position = buffer.push(
+        &positions,
+        Some(ARRAY_BUFFER),
+        json!({ "componentType": FLOAT, "count": vertex_count, "type": "VEC3", "min": lo, "max": hi }),
+    );
+    // glTF asks for unit normals, also where the surface has no area.
+    let normals = mesh.vertex_normals().into_iter().flat_map(|normal| {
+        let normal = if normal == DVec3::ZERO {
+            DVec3::Y
+        } else {
+            normal
+        };
+        normal.to_array()
+    });
+    let normal = buffer.push(
+        &float_bytes(normals),
+        Some(ARRAY_BUFFER),
+        json!({ "componentType": FLOAT, "count": vertex_count, "type": "VEC3" }),
+    );
+    let corners = mesh.triangles.iter().flatten();
+    let corners: Vec<u8> = corners.flat_map(|v| v.to_le_bytes()).collect();
+    let indices = buffer.push(
+        &corners,
+        Some(ELEMENT_ARRAY_BUFFER),
+        json!({ "componentType": UNSIGNED_INT, "count": 3 * mesh.triangles.len(), "type": "SCALAR" }),
+    );
+    let attributes = json!({ "POSITION": position, "NORMAL": normal });
+    (attributes, indices)
+}
+
+/// Four bones per vertex and their weights
+fn push_weights(buffer: &mut Buffer, skin: &Skin, attributes: &mut Value) {
+    let (mut joints, mut weights) = (Vec::new(), Vec::new());
+    for weight in skin.weights {
+        let mut slots = [(0u8, 0.0); 4];
+        for (slot, (bone, share)) in slots.iter_mut().zip(weight.iter()) {
+            *slot = (bone as u8, share);
+        }
+        joints.extend(slots.map(|(joint, _)| joint));
+        weights.extend(slots.map(|(_, share)| share));
+    }
+    let count = skin.weights.len();
+    attributes["JOINTS_0"] = json!(buffer.push(
+        &joints,
+        Some(ARRAY_BUFFER),
+        json!({ "componentType": UNSIGNED_BYTE, "count": count, "type": "VEC4" }),
+    ));
+    attributes["WEIGHTS_0"] = json!(buffer.push(
+        &float_bytes(weights),
+        Some(ARRAY_BUFFER),
+        json!({ "componentType": FLOAT, "count": count, "type": "VEC4" }),
+    ));
+}
+
+fn push_inverse_binds(buffer: &mut Buffer, skin: &Skin) -> usize {
+    let matrices = skin.bone_heads.iter().flat_map(|head| {
+        let bone_from_mesh = DMat4::from_translation(-*head * METERS_PER_MM);
+        bone_from_mesh.to_cols_array()
+    });
+    buffer.push(
+        &float_bytes(matrices),
+        None,
+        json!({ "componentType": FLOAT, "count": Bone::COUNT, "type": "MAT4" }),
+    )
+}
+
+/// One node per bone, parents first; the first one has index `first`
+fn bone_nodes(skin: &Skin, first: usize) -> impl Iterator<Item = Value> {
+    let head = |bone: Bone| skin.bone_heads[bone as usize];
+    Bone::ALL.into_iter().map(move |bone| {
+        let offset = head(bone) - bone.parent().map_or(DVec3::ZERO, head);
+        let mut node = json!({
+            "name": node_name(bone),
+            "translation": (offset * METERS_PER_MM).to_array()
+        });
+        let children: Vec<usize> = Bone::ALL
+            .into_iter()
+            .filter(|child| child.parent() == Some(bone))
+            .map(|child| first + child as usize)
+            .collect();
+        if !children.is_empty() {
+            node["children"] = json!(children);
+        }
+        node
+    })
+}
+
+/// Name of a bone's node: the side comes last, by which Blender and Rigify know it
+///
+/// The root is called by where it is, because in many rigs a `root` lies on the floor.
+fn node_name(bone: Bone) -> String {
+    let name = bone.name();
+    if bone == Bone::Root {
+        "hips".to_owned()
+    } else if let Some(part) = name.strip_prefix("left_") {
+        format!("{part}.L")
+    } else if let Some(part) = name.strip_prefix("right_") {
+        format!("{part}.R")
+    } else {
+        name.to_owned()
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::avatar::gltf::load_avatar;
+    use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
+    use crate::avatar::{Avatar, ReferencePose};
+    use crate::pose::{Pose, pose_bones};
+    use crate::units::TurnAngle;
 
     #[test]
     fn a_gltf_reader_finds_the_mesh_in_meters() {
@@ -135,7 +285,7 @@ mod tests {
             ],
             triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
         };
-        let bytes = write_glb(&mesh);
+        let bytes = write_glb(&BodyMesh::from(&mesh));
         assert_eq!(bytes.len() % 4, 0);
         let gltf = gltf::Gltf::from_slice(&bytes).expect("the document is valid");
         let blob = gltf.blob.clone().expect("there is a binary chunk");
@@ -157,8 +307,77 @@ mod tests {
 
     #[test]
     fn an_empty_mesh_is_an_empty_node() {
-        let bytes = write_glb(&TriMesh::default());
+        let bytes = write_glb(&BodyMesh::from(&TriMesh::default()));
         let gltf = gltf::Gltf::from_slice(&bytes).expect("the document is valid");
         assert_eq!(gltf.meshes().count(), 0);
+    }
+
+    fn woman(pose: ReferencePose) -> Avatar {
+        let parameters = MannequinParameters {
+            sex: Sex::Female,
+            stature_mm: Some(1600.0),
+            mass_kg: Some(70.0),
+            pose,
+            ..MannequinParameters::default()
+        };
+        mannequin(&parameters).expect("a usual person")
+    }
+
+    #[test]
+    fn a_skinned_body_is_read_back_as_the_same_avatar() {
+        for pose in [ReferencePose::A, ReferencePose::T] {
+            let avatar = woman(pose);
+            let bytes = write_glb(&BodyMesh::from(&avatar));
+            let read = load_avatar(&bytes, pose).expect("it was just written");
+            read.check().expect("a sound avatar");
+            // Vertices come in another order, triangles do not.
+            assert_eq!(read.mesh.triangles.len(), avatar.mesh.triangles.len());
+            for bone in Bone::ALL {
+                let (a, b) = (read.bone_heads, avatar.bone_heads);
+                let off = a[bone as usize] - b[bone as usize];
+                assert!(off.length() < 0.01, "{bone:?} {off}");
+            }
+            let rotations = std::array::from_fn(|i| 0.4 * (1.7 * i as f64).sin());
+            let bent = Pose::from_parameters(&rotations);
+            let corners = |avatar: &Avatar| -> Vec<DVec3> {
+                let posed = pose_bones(&avatar.bone_heads, &bent, TurnAngle::default());
+                let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+                let vertices = avatar.mesh.triangles.iter().flatten();
+                vertices.map(|&v| positions[v as usize]).collect()
+            };
+            let off = corners(&read)
+                .iter()
+                .zip(&corners(&avatar))
+                .map(|(a, b)| (*a - *b).length())
+                .fold(0.0, f64::max);
+            assert!(off < 0.02, "posed alike to {off} mm");
+        }
+    }
+
+    #[test]
+    fn every_bone_is_a_joint_that_hangs_on_its_parent() {
+        let avatar = woman(ReferencePose::A);
+        let bytes = write_glb(&BodyMesh::from(&avatar));
+        let gltf = gltf::Gltf::from_slice(&bytes).expect("the document is valid");
+        let skin = gltf.skins().next().expect("there is a skin");
+        assert_eq!(skin.joints().count(), Bone::COUNT);
+        let children = |name: &str| -> Vec<String> {
+            let node = gltf.nodes().find(|n| n.name() == Some(name));
+            let children = node.expect(name).children();
+            children
+                .filter_map(|c| c.name().map(str::to_owned))
+                .collect()
+        };
+        assert_eq!(children("hips"), ["lower_spine", "thigh.L", "thigh.R"]);
+        assert_eq!(children("forearm.R"), ["hand.R"]);
+        assert!(children("head").is_empty());
+        let primitive = gltf.meshes().flat_map(|m| m.primitives()).next();
+        let blob = gltf.blob.clone();
+        let primitive = primitive.expect("there is one primitive");
+        let reader = primitive.reader(|_| blob.as_deref());
+        let weights = reader.read_weights(0).expect("weights").into_f32();
+        for weights in weights {
+            assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+        }
     }
 }

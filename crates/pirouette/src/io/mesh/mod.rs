@@ -15,7 +15,12 @@ mod text;
 
 use std::fmt;
 
+use glam::DVec3;
 use pirouette_geom::TriMesh;
+
+use crate::avatar::Avatar;
+use crate::pose::SkinWeight;
+use crate::skeleton::Bone;
 
 pub use glb::write_glb;
 pub use obj::{read_obj, write_obj};
@@ -23,12 +28,48 @@ pub use off::{read_off, write_off};
 pub use ply::{read_ply, write_ply};
 pub use stl::write_stl;
 
+/// A body to write, with what some formats keep besides the surface
+#[derive(Debug, Clone, Copy)]
+pub struct BodyMesh<'a> {
+    /// The surface; in millimeters, world frame, where the format has a unit and a frame
+    pub mesh: &'a TriMesh,
+    /// How bones move it; GLB keeps it
+    pub skin: Option<Skin<'a>>,
+}
+
+/// How bones move a surface
+#[derive(Debug, Clone, Copy)]
+pub struct Skin<'a> {
+    /// One skinning weight per vertex, same order as the mesh's positions
+    pub weights: &'a [SkinWeight],
+    /// Where each bone turns, in the frame of the mesh
+    pub bone_heads: &'a [DVec3; Bone::COUNT],
+}
+
+impl<'a> From<&'a TriMesh> for BodyMesh<'a> {
+    fn from(mesh: &'a TriMesh) -> Self {
+        Self { mesh, skin: None }
+    }
+}
+
+impl<'a> From<&'a Avatar> for BodyMesh<'a> {
+    fn from(avatar: &'a Avatar) -> Self {
+        Self {
+            mesh: &avatar.mesh,
+            skin: Some(Skin {
+                weights: &avatar.weights,
+                bone_heads: &avatar.bone_heads,
+            }),
+        }
+    }
+}
+
 /// A file format for triangle meshes
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum MeshFormat {
     /// Stanford polygon file, binary, little endian
     Ply,
-    /// Binary glTF 2.0: meters, y up, with normals
+    /// Binary glTF 2.0: meters, y up, with normals, and bones where there are some
     Glb,
     /// Wavefront OBJ, text
     Obj,
@@ -66,14 +107,16 @@ impl MeshFormat {
             .find(|format| format.extension().eq_ignore_ascii_case(extension))
     }
 
-    /// The bytes of a file with this mesh, in millimeters
+    /// The bytes of a file with this mesh or avatar, in millimeters
     ///
     /// # Panics
-    /// When a triangle names a vertex that does not exist.
-    pub fn write(self, mesh: &TriMesh) -> Vec<u8> {
+    /// When a triangle names a vertex that does not exist, or there are skinning weights for some vertices only.
+    pub fn write<'a>(self, body: impl Into<BodyMesh<'a>>) -> Vec<u8> {
+        let body = body.into();
+        let mesh = body.mesh;
         match self {
             MeshFormat::Ply => write_ply(mesh, None),
-            MeshFormat::Glb => write_glb(mesh),
+            MeshFormat::Glb => write_glb(&body),
             MeshFormat::Obj => write_obj(mesh),
             MeshFormat::Stl => write_stl(mesh),
             MeshFormat::Off => write_off(mesh),
@@ -163,7 +206,6 @@ fn vertex_index(number: i64, vertex_count: usize, place: Place) -> Result<u32, R
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
     use proptest::prelude::*;
 
     /// An octahedron with coordinates that need all digits
