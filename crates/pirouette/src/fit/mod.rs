@@ -338,3 +338,6 @@ fn transfer_mean_pose(body: &mut Body, poses: &mut [Pose], posture: &mut Pose) {
     }
     body.repose(&shared);
 }
+
+#[cfg(test)]
+mod tests;
