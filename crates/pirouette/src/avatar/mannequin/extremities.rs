@@ -1,4 +1,4 @@
-//! Hands with the fingers together and feet with toes.
+//! Hands with the fingers a little apart and feet with toes.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
@@ -7,8 +7,10 @@ use super::frame::Frame;
 use super::proportions::Proportions;
 use super::shape::Anatomy;
 
-/// How far the fingers of a relaxed hand bend towards the palm, in degrees
-const FINGER_CURL_DEGREES: f64 = 24.0;
+/// How far the fingers bend towards the palm, in degrees, about evenly over their length
+///
+/// Relaxed hands bend twice as far, but people hold them open for a scan.
+const FINGER_CURL_DEGREES: f64 = 9.0;
 
 /// How far the feet of a standing person point outward, in degrees
 const TOE_OUT_DEGREES: f64 = 5.0;
@@ -32,75 +34,112 @@ pub(super) fn add_hand(field: &mut Field, a: &Anatomy) {
         square_back: square,
     };
     let wrist = wrist_radius / half;
+    let start = frame.stylion;
     let palm = [
+        // Begins inside the forearm: surfaces that coincide would swell where they blend.
         (
-            -0.05 * length,
-            section(0.80 * wrist, 0.80 * wrist, 1.12 * wrist, 1.12 * wrist, 0.2),
+            -0.12 * length,
+            section(0.60 * wrist, 0.60 * wrist, 0.80 * wrist, 0.80 * wrist, 0.1),
         ),
-        (0.10 * length, section(0.40, 0.46, 0.80, 0.76, 0.3)),
-        (0.28 * length, section(0.34, 0.42, 0.98, 0.92, 0.5)),
-        (0.46 * length, section(0.30, 0.34, 1.00, 0.98, 0.6)),
-        (0.56 * length, section(0.26, 0.28, 0.95, 0.96, 0.6)),
+        (0.06 * length, section(0.39, 0.44, 0.74, 0.72, 0.3)),
+        (0.24 * length, section(0.32, 0.40, 0.90, 0.88, 0.5)),
+        (0.42 * length, section(0.28, 0.32, 0.98, 0.98, 0.6)),
+        (0.53 * length, section(0.20, 0.24, 0.94, 0.95, 0.6)),
     ];
-    let tube = Tube::new(frame.wrist, frame.forearm_axes, &palm, [6.0, 0.2 * half]);
-    field.add_pair(Region::Hand, Shape::Tube(tube), 8.0, 1.0);
+    let tube = Tube::new(start, frame.forearm_axes, &palm, [6.0, 0.10 * length]).smoothed(8.0);
+    field.add_pair(Region::Hand, Shape::Tube(tube), 10.0, 1.0);
 
-    let knuckles = frame.wrist + frame.forearm_axes.y_axis * (0.52 * length);
-    let curl = DMat3::from_quat(DQuat::from_axis_angle(
-        frame.forearm_axes.z_axis,
-        curl_sign(&frame.forearm_axes) * FINGER_CURL_DEGREES.to_radians(),
-    ));
-    let axes = curl * frame.forearm_axes;
-    // A slab fills the gaps between the fingers, which lie together.
-    let slab = [
-        (-0.02 * length, section(0.20, 0.20, 0.86, 0.86, 0.6)),
-        (0.30 * length, section(0.16, 0.16, 0.74, 0.76, 0.6)),
-        (0.36 * length, section(0.14, 0.14, 0.66, 0.62, 0.6)),
-    ];
-    let slab = Tube::new(knuckles, axes, &slab, [4.0, 0.04 * length]);
-    field.add_pair(Region::Hand, Shape::Tube(slab), 6.0, 1.0);
-    // Four fingers side by side, their tips on an arc: index, middle, ring, little finger.
-    let fingers = [
-        (0.66, 0.44, 0.23),
-        (0.22, 0.475, 0.24),
-        (-0.22, 0.45, 0.23),
-        (-0.64, 0.38, 0.21),
-    ];
-    for (across, reach, radius) in fingers {
-        let from = knuckles + axes.z_axis * (across * half);
-        let tip_radius = 0.82 * radius * half;
-        let to = knuckles
-            + axes.y_axis * (reach * length - tip_radius)
-            + axes.z_axis * (across * 0.9 * half)
-            - axes.x_axis * (0.02 * length);
-        let finger = Shape::Cone {
-            from,
-            to,
-            radii: [1.12 * radius * half, tip_radius],
-        };
-        field.add_pair(Region::Hand, finger, 9.0, 1.0);
-    }
-    let at = |along: f64, thumb: f64, back: f64| {
-        frame.wrist + frame.forearm_axes * DVec3::new(back * half, along * length, thumb * half)
+    let bend = |degrees: f64| {
+        DMat3::from_quat(DQuat::from_axis_angle(
+            frame.forearm_axes.z_axis,
+            curl_sign(&frame.forearm_axes) * degrees.to_radians(),
+        )) * frame.forearm_axes
     };
+    // Two bones each: from the knuckle to the middle joint, and the rest.
+    let (near, far) = (
+        bend(0.6 * FINGER_CURL_DEGREES),
+        bend(1.6 * FINGER_CURL_DEGREES),
+    );
+    let at = |along: f64, thumb: f64, back: f64| {
+        start + frame.forearm_axes * DVec3::new(back * half, along * length, thumb * half)
+    };
+    for finger in FINGERS {
+        let (sin, cos) = finger.spread_degrees.to_radians().sin_cos();
+        let radius = finger.radius * half;
+        let reach = finger.reach * length;
+        let knuckle = at(finger.knuckle, finger.across, -0.02);
+        let joint = knuckle + (near.y_axis * cos + near.z_axis * sin) * (0.45 * reach);
+        let tip = joint + (far.y_axis * cos + far.z_axis * sin) * (0.55 * reach - 0.8 * radius);
+        for (from, to, radii, blend) in [
+            (knuckle, joint, [1.12 * radius, 0.98 * radius], 8.0),
+            (joint, tip, [0.98 * radius, 0.80 * radius], 2.0),
+        ] {
+            let bone = Shape::Cone { from, to, radii };
+            field.add_pair(Region::Hand, bone, blend, 1.0);
+        }
+    }
     let (root, joint, tip) = (
-        at(0.12, 0.55, -0.15),
-        at(0.34, 1.15, -0.35),
-        at(0.50, 1.45, -0.45),
+        at(0.10, 0.50, -0.20),
+        at(0.33, 1.02, -0.55),
+        at(0.55, 1.26, -0.90),
     );
     let ball = Shape::Cone {
         from: root,
         to: joint,
-        radii: [0.40 * half, 0.29 * half],
+        radii: [0.42 * half, 0.27 * half],
     };
-    field.add_pair(Region::Hand, ball, 8.0, 1.0);
+    field.add_pair(Region::Hand, ball, 14.0, 1.0);
     let thumb = Shape::Cone {
         from: joint,
         to: tip,
-        radii: [0.28 * half, 0.21 * half],
+        radii: [0.26 * half, 0.19 * half],
     };
     field.add_pair(Region::Hand, thumb, 4.0, 1.0);
 }
+
+/// One finger, without the thumb
+struct Finger {
+    /// Knuckle: share of the hand's length, and across it over half its breadth, positive to the thumb
+    knuckle: f64,
+    across: f64,
+    /// Knuckle to tip over the hand's length
+    reach: f64,
+    /// Over half the hand's breadth
+    radius: f64,
+    spread_degrees: f64,
+}
+
+/// Index, middle, ring and little finger of a hand held open without force
+const FINGERS: [Finger; 4] = [
+    Finger {
+        knuckle: 0.50,
+        across: 0.68,
+        reach: 0.47,
+        radius: 0.215,
+        spread_degrees: 14.0,
+    },
+    Finger {
+        knuckle: 0.51,
+        across: 0.22,
+        reach: 0.52,
+        radius: 0.22,
+        spread_degrees: 4.0,
+    },
+    Finger {
+        knuckle: 0.49,
+        across: -0.24,
+        reach: 0.49,
+        radius: 0.21,
+        spread_degrees: -6.0,
+    },
+    Finger {
+        knuckle: 0.46,
+        across: -0.68,
+        reach: 0.40,
+        radius: 0.185,
+        spread_degrees: -17.0,
+    },
+];
 
 /// Sense of rotation about the thumb side that bends the fingers towards the palm (away from the upper side)
 fn curl_sign(axes: &DMat3) -> f64 {
@@ -170,14 +209,21 @@ pub(super) fn add_foot(field: &mut Field, a: &Anatomy) {
         row(0.82, 0.90, 0.92, 15.0, 0.0),
     ];
     let tube = Tube::new(plan.heel, plan.axes, &keys, [0.10 * length, 0.06 * length]);
-    field.add_pair(Region::Foot, Shape::Tube(tube), 12.0 * m, 1.0);
+    field.add_pair(Region::Foot, Shape::Tube(tube), 15.0 * m, 1.0);
+    // The tendon of the heel
+    let tendon = Shape::Cone {
+        from: DVec3::new(frame.ankle.x, 58.0 * m, frame.ankle.z - 16.0 * m),
+        to: plan.at(0.0, 0.13, 24.0 * m),
+        radii: [7.0 * m, 0.8 * d.heel_breadth / 2.0],
+    };
+    field.add_pair(Region::Foot, tendon, 16.0 * m, 1.0);
     // Toes: across, tip along, radius over half the breadth.
     let toes = [
-        (-0.62, 1.0, 0.25),
-        (-0.16, 0.985, 0.17),
-        (0.18, 0.955, 0.16),
-        (0.48, 0.92, 0.15),
-        (0.75, 0.875, 0.15),
+        (-0.62, 1.0, 0.27),
+        (-0.16, 0.985, 0.19),
+        (0.18, 0.955, 0.18),
+        (0.48, 0.92, 0.17),
+        (0.75, 0.875, 0.16),
     ];
     for (across, tip, radius) in toes {
         let r = radius * half;

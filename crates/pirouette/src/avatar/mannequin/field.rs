@@ -420,8 +420,7 @@ impl Field {
 
     /// Signed value at a point of the left side (x >= 0), cut flat at the floor
     pub(super) fn value(&self, p: DVec3) -> f64 {
-        let body = self.value_of(p, |_| true, Sides::Both);
-        -smooth_min(-body, p.y, SOLE_ROUNDING)
+        cut_at_floor(self.value_of(p, |_| true, Sides::Both), p.y)
     }
 
     /// Signed value of some regions, not cut at the floor
@@ -431,30 +430,23 @@ impl Field {
         included: impl Fn(Region) -> bool,
         sides: Sides,
     ) -> f64 {
-        let mut value = FAR;
+        let parts = self.parts.iter().filter(|part| included(part.region));
+        value_over(parts, p, sides)
+    }
+
+    /// What shapes the surface within `reach` mm of a point of the left side
+    pub(super) fn around(&self, p: DVec3, reach: f64) -> Neighborhood<'_> {
         let mirrored = DVec3::new(-p.x, p.y, p.z);
-        for part in &self.parts {
-            if !included(part.region) {
-                continue;
-            }
-            let (lo, hi) = part.bounds;
-            let near = |q: DVec3| q.cmpge(lo).all() && q.cmple(hi).all();
-            let own = near(p).then(|| part.shape.distance(p));
-            let other = match part.mirror_blend {
-                Some(blend) if sides == Sides::Both && near(mirrored) => {
-                    Some((part.shape.distance(mirrored), blend))
-                }
-                _ => None,
-            };
-            let distance = match (own, other) {
-                (Some(a), Some((b, blend))) => smooth_min(a, b, blend),
-                (Some(a), None) => a,
-                (None, Some((b, _))) => b,
-                (None, None) => continue,
-            };
-            value = smooth_min(value, distance, part.blend);
+        let touches = |(lo, hi): (DVec3, DVec3), pair: bool| {
+            let near = |q: DVec3| (q + reach).cmpge(lo).all() && (q - reach).cmple(hi).all();
+            near(p) || pair && near(mirrored)
+        };
+        let parts = self.parts.iter();
+        Neighborhood {
+            parts: parts
+                .filter(|part| touches(part.bounds, part.mirror_blend.is_some()))
+                .collect(),
         }
-        value
     }
 
     /// Where a ray leaves the body; `from` lies inside, on the left side or the mirror plane
@@ -477,13 +469,24 @@ impl Field {
             (lo.min(part.bounds.0), hi.max(part.bounds.1))
         })
     }
+}
+
+/// The field near one place, faster to ask
+#[derive(Debug)]
+pub(super) struct Neighborhood<'a> {
+    parts: Vec<&'a Part>,
+}
+
+impl Neighborhood<'_> {
+    /// Signed value at a point of either side, cut flat at the floor
+    pub(super) fn value(&self, p: DVec3) -> f64 {
+        let left = DVec3::new(p.x.abs(), p.y, p.z);
+        let parts = self.parts.iter().copied();
+        cut_at_floor(value_over(parts, left, Sides::Both), p.y)
+    }
 
     /// Gradient by differences over `step` mm; at the mirror plane it lies in the plane
     pub(super) fn gradient(&self, p: DVec3, step: f64) -> DVec3 {
-        let at = |d: DVec3| {
-            let q = p + d * step;
-            self.value(DVec3::new(q.x.abs(), q.y, q.z))
-        };
         // Four samples at the corners of a tetrahedron.
         let corners = [
             DVec3::new(1.0, -1.0, -1.0),
@@ -491,8 +494,38 @@ impl Field {
             DVec3::new(-1.0, 1.0, -1.0),
             DVec3::new(1.0, 1.0, 1.0),
         ];
-        corners.iter().map(|&c| c * at(c)).sum::<DVec3>() / (4.0 * step)
+        let slopes = corners.iter().map(|&c| c * self.value(p + c * step));
+        slopes.sum::<DVec3>() / (4.0 * step)
     }
+}
+
+fn cut_at_floor(body: f64, height: f64) -> f64 {
+    -smooth_min(-body, height, SOLE_ROUNDING)
+}
+
+/// The blend of parts in their order
+fn value_over<'a>(parts: impl Iterator<Item = &'a Part>, p: DVec3, sides: Sides) -> f64 {
+    let mut value = FAR;
+    let mirrored = DVec3::new(-p.x, p.y, p.z);
+    for part in parts {
+        let (lo, hi) = part.bounds;
+        let near = |q: DVec3| q.cmpge(lo).all() && q.cmple(hi).all();
+        let own = near(p).then(|| part.shape.distance(p));
+        let other = match part.mirror_blend {
+            Some(blend) if sides == Sides::Both && near(mirrored) => {
+                Some((part.shape.distance(mirrored), blend))
+            }
+            _ => None,
+        };
+        let distance = match (own, other) {
+            (Some(a), Some((b, blend))) => smooth_min(a, b, blend),
+            (Some(a), None) => a,
+            (None, Some((b, _))) => b,
+            (None, None) => continue,
+        };
+        value = smooth_min(value, distance, part.blend);
+    }
+    value
 }
 
 /// The smaller of two distances, with a fillet of width `blend` where they are about equal
@@ -502,4 +535,10 @@ pub(super) fn smooth_min(a: f64, b: f64, blend: f64) -> f64 {
         return a.min(b);
     }
     a.min(b) - h * h / (4.0 * blend)
+}
+
+/// Smooth step from 0 at `from` to 1 at `to`
+pub(super) fn ramp(x: f64, from: f64, to: f64) -> f64 {
+    let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
 }

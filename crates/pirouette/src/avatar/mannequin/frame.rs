@@ -29,6 +29,8 @@ pub(super) struct Frame {
     pub shoulder: DVec3,
     pub elbow: DVec3,
     pub wrist: DVec3,
+    /// Tip of the radius, where the length of the hand begins
+    pub stylion: DVec3,
     /// Ear hole level in the middle of the head
     pub tragion: DVec3,
     pub nape: DVec3,
@@ -65,6 +67,11 @@ const SHOULDER_RISE: f64 = 18.0;
 /// stature of 1741 mm.
 const UPPER_ARM_OVER_ACROMION_RADIALE: f64 = 0.845;
 
+/// Elbow to wrist joint over the survey's length of the forearm, which ends at the tip of the radius
+///
+/// Pose detectors and the joints of imported figures put the wrist above the crease where the hand's length begins.
+const WRIST_OVER_STYLION: f64 = 0.96;
+
 impl Frame {
     pub(super) fn new(d: &Proportions, maleness: f64, stature_mm: f64, arms: ArmPose) -> Self {
         let by_sex = |female: f64, male: f64| female + (male - female) * maleness;
@@ -100,7 +107,8 @@ impl Frame {
             -2.0,
         );
         let elbow = shoulder + along * (UPPER_ARM_OVER_ACROMION_RADIALE * d.upper_arm_length);
-        let wrist = elbow + forearm * d.forearm_length;
+        let wrist = elbow + forearm * (WRIST_OVER_STYLION * d.forearm_length);
+        let stylion = elbow + forearm * d.forearm_length;
 
         let tragion = at(0.0, stature_mm - d.crown_to_tragion, by_sex(3.0, 11.0));
         Self {
@@ -112,6 +120,7 @@ impl Frame {
             shoulder,
             elbow,
             wrist,
+            stylion,
             tragion,
             nape: at(0.0, d.nape_height - 5.0 * mille, -10.0),
             skull_base: at(0.0, tragion.y - 10.0 * mille, 4.0),

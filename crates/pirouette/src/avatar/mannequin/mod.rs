@@ -4,8 +4,8 @@
 //! of anatomical sections blended with lobes for breasts, seat, shoulders, face, hands and feet, whose section sizes are
 //! solved until the tape measures agree with the survey; then one closed, exactly symmetric mesh is extracted from it.
 //!
-//! Promised: closed and manifold, one piece, soles on y = 0, stature exact. Not promised: single fingers,
-//! facial features beyond brow, nose, lips and chin, hair.
+//! Promised: closed and manifold, one piece, soles on y = 0, stature exact. Not promised: facial features beyond brow,
+//! eye sockets, nose, lips and chin, nails, hair.
 
 mod extremities;
 mod field;
@@ -27,12 +27,12 @@ use pirouette_geom::TriMesh;
 use thiserror::Error;
 
 use self::extremities::FootPlan;
-use self::field::Field;
+use self::field::{Field, ramp};
 use self::frame::{ArmPose, Frame};
 use self::girth::fit_girths;
 pub use self::proportions::Proportions;
 use self::shape::{Anatomy, GirthScales, LEAN_BMI, build};
-use self::surface::{GridPlanes, extract};
+use self::surface::{Grid, Lenses, extract};
 use self::weights::skin_weight;
 use super::{Avatar, ReferencePose, landmarks};
 use crate::skeleton::Joint;
@@ -210,6 +210,11 @@ fn scale(avatar: &mut Avatar, factor: f64) {
     }
 }
 
+/// Distance of the grid's corners on the hands, in thousandths of the stature
+///
+/// Wider, and the gaps between the fingers close in lumps; each 10 % less costs 400 vertices.
+const HAND_SPACING: f64 = 3.3;
+
 /// Grids tried before giving up; one in a few hundred bodies needs the second
 const GRID_ATTEMPTS: usize = 4;
 
@@ -258,17 +263,17 @@ impl Body {
     /// The closed surface; the grid is moved a little when the first one meets the surface badly
     fn surface(&self) -> Option<TriMesh> {
         (0..GRID_ATTEMPTS).find_map(|attempt| {
-            let planes = self.grid_planes(attempt as f64 / GRID_ATTEMPTS as f64);
-            let mesh = extract(&self.field, &planes, self.frame.tragion)?.largest_component();
+            let grid = self.grid(attempt as f64 / GRID_ATTEMPTS as f64);
+            let mesh = extract(&self.field, &grid, self.frame.tragion)?.largest_component();
             mesh.check().is_ok().then_some(mesh)
         })
     }
 
-    /// Grid planes: about 15 mm apart on trunk and limbs, closer on head, hands and feet
+    /// Grid: about 16 mm apart on trunk and limbs, 6 mm on the hands, 9 mm on head and feet
     ///
-    /// `shift` moves them by a share of their distance.
-    fn grid_planes(&self, shift: f64) -> GridPlanes {
-        let m = self.frame.mille;
+    /// `shift` moves its planes by a share of their distance.
+    fn grid(&self, shift: f64) -> Grid {
+        let (m, frame) = (self.frame.mille, &self.frame);
         let (lo, hi) = self.field.bounds();
         let planes = |from: f64, to: f64, spacing: &dyn Fn(f64) -> f64| -> Vec<f64> {
             let mut planes = vec![from];
@@ -279,30 +284,35 @@ impl Body {
             }
             planes
         };
-        let wrist = self.frame.wrist.x - 22.0 * m;
-        let half = planes((2.7 + 0.5 * shift) * m, hi.x, &|x| {
-            if x > wrist {
-                4.2 * m
-            } else if x < 27.0 * m {
-                5.4 * m
-            } else {
-                8.2 * m
-            }
+        // Spacing changes gradually; a hand that hangs steeply is short along x.
+        let steepness = (frame.forearm_axes.y_axis.x / 0.45).clamp(0.3, 1.0);
+        let close = |x: f64| ramp(x, frame.elbow.x, frame.wrist.x);
+        let half = planes((3.2 + 0.5 * shift) * m, hi.x, &|x| {
+            (9.0 + (HAND_SPACING * steepness - 9.0) * close(x)) * m
         });
         let x = half.iter().rev().map(|x| -x).chain(half.iter().copied());
-        let chin = self.frame.tragion.y - 70.0 * m;
-        GridPlanes {
+        let chin = frame.tragion.y - 70.0 * m;
+        // Beyond the bounds by what the lenses may bend inward.
+        let beyond = 140.0 * m;
+        Grid {
             x: x.collect(),
-            y: planes(lo.y.min(-20.0 * m) - 4.6 * shift * m, hi.y, &|y| {
-                if y < 45.0 * m {
-                    4.6 * m
-                } else if y > chin {
-                    5.0 * m
-                } else {
-                    9.0 * m
-                }
+            y: planes(lo.y.min(-20.0 * m) - 4.6 * shift * m, hi.y + beyond, &|y| {
+                let feet = 1.0 - ramp(y, 30.0 * m, 90.0 * m);
+                let head = ramp(y, chin - 20.0 * m, chin + 20.0 * m);
+                (9.2 - 4.6 * feet - 4.6 * head) * m
             }),
-            z: planes(lo.z - 7.6 * shift * m, hi.z, &|_| 7.6 * m),
+            z: planes(lo.z - beyond - 8.4 * shift * m, hi.z + beyond, &|_| 8.4 * m),
+            lenses: Lenses {
+                forearm: [frame.elbow, frame.wrist],
+                hand_scale: 1.0 - (1.0 - HAND_SPACING / 8.8) * ((steepness - 0.3) / 0.7),
+                neck: [frame.nape.y - 20.0 * m, frame.nape.y + 40.0 * m],
+                head_z: frame.tragion.z,
+                head_scale: 0.54,
+                head_reach: [100.0 * m, 220.0 * m],
+                ankle: [30.0 * m, 100.0 * m],
+                foot_z: frame.ankle.z + 35.0 * m,
+                foot_scale: 0.70,
+            },
         }
     }
 

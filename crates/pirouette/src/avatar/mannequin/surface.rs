@@ -6,28 +6,85 @@
 //!
 //! # Source
 //! Nielson 2004, "Dual marching cubes": a vertex per patch instead of one per cell, which keeps apart what passes through the same
-//! cell. A quadrilateral edge shared by four faces can remain where two ambiguous cells meet; the grid is then
-//! shifted and the extraction repeated.
+//! cell. An edge shared by four faces would remain where two cells meet in a face with two inside corners across that
+//! belongs to a single patch in both; there the face is read the other way, as in Wenger 2013, *Isosurfaces*,
+//! section 3.3.
 
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 use rayon::prelude::*;
 
-use super::field::Field;
+use super::field::{Field, Neighborhood, ramp};
 
-/// Planes of the grid along x (symmetric about 0, none at 0), y and z, in mm, increasing
+/// Planes of the grid along x (symmetric about 0, none at 0), y and z, in mm, increasing, and how they are bent
 #[derive(Debug, Clone)]
-pub(super) struct GridPlanes {
+pub(super) struct Grid {
     pub x: Vec<f64>,
     pub y: Vec<f64>,
     pub z: Vec<f64>,
+    pub lenses: Lenses,
+}
+
+impl Grid {
+    fn corner(&self, i: usize, j: usize, k: usize) -> DVec3 {
+        self.lenses
+            .bend(DVec3::new(self.x[i], self.y[j], self.z[k]))
+    }
+}
+
+/// Bends a grid so that its cells are smaller where head, hands and feet are
+///
+/// The grid close up towards the axis of the forearm and hand as they go outward, towards the head's axis as they go up, and towards the
+/// middle of the feet as they go down. Every step keeps their order, and the mirror plane where it is.
+#[derive(Debug, Clone)]
+pub(super) struct Lenses {
+    /// Forearm and hand of the left side: from the elbow, where closing up begins, to the wrist, where it is complete
+    pub forearm: [DVec3; 2],
+    /// Distances from the axis of the hand over those of the grid
+    pub hand_scale: f64,
+    /// Heights between which the head's closing up goes from nothing to all
+    pub neck: [f64; 2],
+    /// z of the head's axis
+    pub head_z: f64,
+    /// Distances from the axis of the head over those of the grid
+    pub head_scale: f64,
+    /// x between which the head's closing up ends: raised arms have none of it
+    pub head_reach: [f64; 2],
+    /// Heights between which the feet's closing up goes from all to nothing
+    pub ankle: [f64; 2],
+    /// z of the middle of the feet
+    pub foot_z: f64,
+    /// Distances from the middle of the feet over those of the grid
+    pub foot_scale: f64,
+}
+
+impl Lenses {
+    fn bend(&self, p: DVec3) -> DVec3 {
+        let x = p.x.abs();
+        let [elbow, wrist] = self.forearm;
+        let scale = 1.0 - (1.0 - self.hand_scale) * ramp(x, elbow.x, wrist.x);
+        let axis = elbow + (wrist - elbow) * ((x - elbow.x) / (wrist.x - elbow.x));
+        let y = axis.y + (p.y - axis.y) * scale;
+        let z = axis.z + (p.z - axis.z) * scale;
+
+        let here = 1.0 - ramp(x, self.head_reach[0], self.head_reach[1]);
+        let head = 1.0 - (1.0 - self.head_scale) * here * ramp(y, self.neck[0], self.neck[1]);
+        let foot =
+            self.foot_scale + (1.0 - self.foot_scale) * ramp(y, self.ankle[0], self.ankle[1]);
+        let z = self.head_z + (z - self.head_z) * head;
+        let z = self.foot_z + (z - self.foot_z) * foot;
+        DVec3::new(p.x * head * foot, y, z)
+    }
 }
 
 /// Rounds of spreading the vertices along the surface
-const RELAX_ROUNDS: usize = 4;
+const RELAX_ROUNDS: usize = 5;
 
 /// How far a vertex moves to the middle of its neighbors per round
 const RELAX_STEP: f64 = 0.55;
+
+/// What lies farther than this from where a vertex starts does not shape the surface where it ends, in mm
+const RELAX_REACH: f64 = 24.0;
 
 /// Step of the numeric gradient, in mm
 const GRADIENT_STEP: f64 = 0.5;
@@ -37,7 +94,7 @@ const NONE: u32 = u32::MAX;
 /// Cells of the grid with i at or beyond the middle; the others are their mirror images
 struct Cells<'a> {
     field: &'a Field,
-    planes: &'a GridPlanes,
+    grid: &'a Grid,
     /// Middle cell along x, the one that the mirror plane cuts in half
     middle: usize,
     /// Values at the grid's corners, NaN where nobody asked yet
@@ -48,12 +105,12 @@ struct Cells<'a> {
 }
 
 impl<'a> Cells<'a> {
-    fn new(field: &'a Field, planes: &'a GridPlanes) -> Self {
-        let middle = (planes.x.len() - 2) / 2;
-        let corners = (planes.x.len() - middle) * planes.y.len() * planes.z.len();
+    fn new(field: &'a Field, grid: &'a Grid) -> Self {
+        let middle = (grid.x.len() - 2) / 2;
+        let corners = (grid.x.len() - middle) * grid.y.len() * grid.z.len();
         Self {
             field,
-            planes,
+            grid,
             middle,
             values: vec![f32::NAN; corners],
             index: vec![NONE; corners],
@@ -63,16 +120,15 @@ impl<'a> Cells<'a> {
 
     /// Corner or cell (i, j, k) with i from the middle on
     fn slot(&self, i: usize, j: usize, k: usize) -> usize {
-        ((i - self.middle) * self.planes.y.len() + j) * self.planes.z.len() + k
+        ((i - self.middle) * self.grid.y.len() + j) * self.grid.z.len() + k
     }
 
     fn value(&mut self, i: usize, j: usize, k: usize) -> f64 {
-        // Corner planes mirror into each other: the middle cell lies between planes `middle` and `middle + 1`.
+        // Corner grid mirror into each other: the middle cell lies between grid `middle` and `middle + 1`.
         let i = i.max(2 * self.middle + 1 - i);
         let slot = self.slot(i, j, k);
         if self.values[slot].is_nan() {
-            let p = DVec3::new(self.planes.x[i], self.planes.y[j], self.planes.z[k]);
-            self.values[slot] = self.field.value(p) as f32;
+            self.values[slot] = self.field.value(self.grid.corner(i, j, k)) as f32;
         }
         f64::from(self.values[slot])
     }
@@ -85,9 +141,9 @@ impl<'a> Cells<'a> {
     /// Follows the surface from a cell that it crosses
     fn follow(&mut self, seed: [usize; 3]) {
         let last = [
-            self.planes.x.len() - 2,
-            self.planes.y.len() - 2,
-            self.planes.z.len() - 2,
+            self.grid.x.len() - 2,
+            self.grid.y.len() - 2,
+            self.grid.z.len() - 2,
         ];
         let mut open = vec![seed];
         while let Some(cell) = open.pop() {
@@ -160,10 +216,58 @@ fn edge_between(a: usize, b: usize) -> usize {
     4 * axis + (from >> first & 1) + 2 * (from >> second & 1)
 }
 
+/// Per edge of a cell, the smallest edge of the same patch; `None` where nothing crosses
+type Patches = [Option<usize>; 12];
+
+/// Whether a face of a cell has two inside corners across that lie on one patch of it
+fn pinched(values: &[f64; 8], patches: &Patches, axis: usize, side: usize) -> bool {
+    let (u, v) = [(2, 4), (1, 4), (1, 2)][axis];
+    let base = side << axis;
+    let ring = [base, base | u, base | u | v, base | v];
+    let edge = |i: usize| patches[edge_between(ring[i], ring[(i + 1) % 4])];
+    (0..4).all(|i| (values[ring[i]] < 0.0) != (values[ring[(i + 1) % 4]] < 0.0))
+        && (1..4).all(|i| edge(i) == edge(0))
+}
+
+/// Labels the crossed edges of all cells, so that no two cells pinch the surface at the face between them
+fn all_patches(cells: &mut Cells) -> Vec<Patches> {
+    let values: Vec<[f64; 8]> = (0..cells.cells.len())
+        .map(|n| cells.corners(cells.cells[n]))
+        .collect();
+    let mut labels: Vec<Patches> = values.iter().map(|v| patches(v, 0)).collect();
+    let mut joined = vec![0u8; labels.len()];
+    for (n, &cell) in cells.cells.iter().enumerate() {
+        for axis in 0..3 {
+            if !pinched(&values[n], &labels[n], axis, 1) {
+                continue;
+            }
+            let mut next = cell;
+            next[axis] += 1;
+            let slot = cells.slot(next[0], next[1], next[2]);
+            let Some(&other) = cells.index.get(slot).filter(|&&other| other != NONE) else {
+                continue;
+            };
+            let other = other as usize;
+            if pinched(&values[other], &labels[other], axis, 0) {
+                joined[n] |= 2 << (2 * axis);
+                joined[other] |= 1 << (2 * axis);
+                if axis == 0 && cell[0] == cells.middle {
+                    joined[n] |= 1;
+                }
+            }
+        }
+    }
+    for (n, &faces) in joined.iter().enumerate().filter(|(_, faces)| **faces != 0) {
+        labels[n] = patches(&values[n], faces);
+    }
+    labels
+}
+
 /// Labels the crossed edges of a cell by the patch of surface that crosses them; `None` where nothing crosses
 ///
-/// On a face with two inside corners across, these stay apart. Neighbors see the same face and decide alike.
-fn patches(values: &[f64; 8]) -> [Option<usize>; 12] {
+/// On a face with two inside corners across, these stay apart, or are joined where its bit `2 * axis + side` is set in `joined`.
+/// Neighbors see the same face and decide alike.
+fn patches(values: &[f64; 8], joined: u8) -> Patches {
     let inside = |c: usize| values[c] < 0.0;
     let mut label: [Option<usize>; 12] = std::array::from_fn(|e| {
         let [a, b] = edge_corners(e);
@@ -193,7 +297,8 @@ fn patches(values: &[f64; 8]) -> [Option<usize>; 12] {
             match crossed[..] {
                 [a, b] => join(edge(a), edge(b)),
                 [_, _, _, _] => {
-                    for i in (0..4).filter(|&i| inside(ring[i])) {
+                    let apart = joined >> (2 * axis + side) & 1 == 0;
+                    for i in (0..4).filter(|&i| inside(ring[i]) == apart) {
                         join(edge(i + 3), edge(i));
                     }
                 }
@@ -207,8 +312,8 @@ fn patches(values: &[f64; 8]) -> [Option<usize>; 12] {
 /// Extracts the piece of surface that a ray from `inside` straight up meets first
 ///
 /// `None` when the ray meets no surface within the grid.
-pub(super) fn extract(field: &Field, planes: &GridPlanes, inside: DVec3) -> Option<TriMesh> {
-    let mut cells = Cells::new(field, planes);
+pub(super) fn extract(field: &Field, grid: &Grid, inside: DVec3) -> Option<TriMesh> {
+    let mut cells = Cells::new(field, grid);
     let seed = seed_cell(&mut cells, inside)?;
     cells.follow(seed);
 
@@ -217,10 +322,10 @@ pub(super) fn extract(field: &Field, planes: &GridPlanes, inside: DVec3) -> Opti
     let mut positions: Vec<DVec3> = Vec::new();
     let mut mirror: Vec<u32> = Vec::new();
     let mut vertex_of_edge: Vec<[u32; 12]> = Vec::with_capacity(cells.cells.len());
-    for n in 0..cells.cells.len() {
+    let labels = all_patches(&mut cells);
+    for (n, label) in labels.iter().enumerate() {
         let cell = cells.cells[n];
         let values = cells.corners(cell);
-        let label = patches(&values);
         let mut vertices = [NONE; 12];
         for first in 0..12 {
             if label[first] != Some(first) || vertices[first] != NONE {
@@ -230,7 +335,7 @@ pub(super) fn extract(field: &Field, planes: &GridPlanes, inside: DVec3) -> Opti
             let mut count = 0.0;
             let vertex = positions.len() as u32;
             for e in (0..12).filter(|&e| label[e] == Some(first)) {
-                sum += crossing(planes, cell, e, &values);
+                sum += crossing(grid, cell, e, &values);
                 count += 1.0;
                 vertices[e] = vertex;
             }
@@ -259,7 +364,7 @@ pub(super) fn extract(field: &Field, planes: &GridPlanes, inside: DVec3) -> Opti
         } else {
             cell[0]
         };
-        let slot = ((i - middle) * planes.y.len() + cell[1]) * planes.z.len() + cell[2];
+        let slot = ((i - middle) * grid.y.len() + cell[1]) * grid.z.len() + cell[2];
         let n = cells.index[slot];
         if n == NONE {
             return None;
@@ -274,9 +379,8 @@ pub(super) fn extract(field: &Field, planes: &GridPlanes, inside: DVec3) -> Opti
     // Quads: around each crossed edge, all of them seen from the cell at whose lowest corner the edge starts.
     let mut quads: Vec<[u32; 4]> = Vec::new();
     let values = &cells.values;
-    let value_at = |i: usize, j: usize, k: usize| {
-        values[((i - middle) * planes.y.len() + j) * planes.z.len() + k]
-    };
+    let value_at =
+        |i: usize, j: usize, k: usize| values[((i - middle) * grid.y.len() + j) * grid.z.len() + k];
     for &[i, j, k] in &cells.cells {
         if i == middle || j == 0 || k == 0 {
             continue;
@@ -331,21 +435,21 @@ pub(super) fn extract(field: &Field, planes: &GridPlanes, inside: DVec3) -> Opti
 }
 
 fn seed_cell(cells: &mut Cells, inside: DVec3) -> Option<[usize; 3]> {
-    let below = |planes: &[f64], x: f64| planes.partition_point(|&p| p <= x).checked_sub(1);
-    let k = below(&cells.planes.z, inside.z)?;
-    let start = below(&cells.planes.y, inside.y)?;
+    let below = |grid: &[f64], x: f64| grid.partition_point(|&p| p <= x).checked_sub(1);
+    let k = below(&cells.grid.z, inside.z)?;
+    let start = below(&cells.grid.y, inside.y)?;
     let i = cells.middle;
-    (start..cells.planes.y.len() - 1)
+    (start..cells.grid.y.len() - 1)
         .find(|&j| cells.value(i, j, k) < 0.0 && cells.value(i, j + 1, k) >= 0.0)
         .map(|j| [i, j, k])
 }
 
-fn crossing(planes: &GridPlanes, cell: [usize; 3], edge: usize, values: &[f64; 8]) -> DVec3 {
+fn crossing(grid: &Grid, cell: [usize; 3], edge: usize, values: &[f64; 8]) -> DVec3 {
     let at = |c: usize| {
-        DVec3::new(
-            planes.x[cell[0] + (c & 1)],
-            planes.y[cell[1] + (c >> 1 & 1)],
-            planes.z[cell[2] + (c >> 2)],
+        grid.corner(
+            cell[0] + (c & 1),
+            cell[1] + (c >> 1 & 1),
+            cell[2] + (c >> 2),
         )
     };
     let [a, b] = edge_corners(edge);
@@ -373,53 +477,68 @@ fn relax(field: &Field, positions: &mut [DVec3], mirror: &[u32], quads: &[[u32; 
         }
     }
     let owners: Vec<usize> = (0..count).filter(|&v| v <= mirror[v] as usize).collect();
-    let project = |p: DVec3, middle: bool| -> (DVec3, DVec3) {
-        let mut gradient = field.gradient(p, GRADIENT_STEP);
-        if middle {
-            gradient.x = 0.0;
-        }
-        let value = field.value(DVec3::new(p.x.abs(), p.y, p.z));
-        let squared = gradient.length_squared();
-        if squared < 1e-6 {
-            return (p, DVec3::ZERO);
-        }
-        // A step is bounded so that the far side of a crease cannot throw a vertex away.
-        let step = (gradient * (value / squared)).clamp_length_max(MAX_STEP);
-        (p - step, gradient / squared.sqrt())
-    };
-    let mut normals = vec![DVec3::ZERO; count];
+    let around: Vec<Neighborhood> = owners
+        .par_iter()
+        .map(|&v| {
+            let p = positions[v];
+            field.around(DVec3::new(p.x.abs(), p.y, p.z), RELAX_REACH)
+        })
+        .collect();
+    // Where the value vanishes, to first order, with the gradient there or one of a round before.
+    let project =
+        |field: &Neighborhood, p: DVec3, middle: bool, known: Option<DVec3>| -> (DVec3, DVec3) {
+            let gradient = known.unwrap_or_else(|| {
+                let mut gradient = field.gradient(p, GRADIENT_STEP);
+                if middle {
+                    gradient.x = 0.0;
+                }
+                gradient
+            });
+            let squared = gradient.length_squared();
+            if squared < 1e-6 {
+                return (p, DVec3::ZERO);
+            }
+            let value = field.value(p);
+            // A step is bounded so that the far side of a crease cannot throw a vertex away.
+            let step = (gradient * (value / squared)).clamp_length_max(MAX_STEP);
+            (p - step, gradient)
+        };
+    let mut gradients = vec![DVec3::ZERO; count];
     for round in 0..=RELAX_ROUNDS + 1 {
         let moved: Vec<(DVec3, DVec3)> = owners
             .par_iter()
-            .map(|&v| {
+            .zip(&around)
+            .map(|(&v, around)| {
                 let middle = mirror[v] as usize == v;
-                let (mut p, normal) = (positions[v], normals[v]);
+                let (mut p, gradient) = (positions[v], gradients[v]);
+                let normal = gradient.normalize_or_zero();
                 if round == 0 {
-                    return project(p, middle);
+                    return project(around, p, middle, None);
                 }
-                let around = &neighbors[v];
-                let mean = around.iter().map(|&n| positions[n as usize]).sum::<DVec3>()
-                    / around.len().max(1) as f64;
+                let ring = &neighbors[v];
+                let mean = ring.iter().map(|&n| positions[n as usize]).sum::<DVec3>()
+                    / ring.len().max(1) as f64;
                 let pull = mean - p;
                 let sunk = pull.dot(normal);
                 if round > RELAX_ROUNDS {
-                    return (p - normal * (sunk * FACET_SHARE), normal);
+                    return (p - normal * (sunk * FACET_SHARE), gradient);
                 }
                 p += RELAX_STEP * (pull - normal * sunk);
                 if middle {
                     p.x = 0.0;
                 }
-                project(p, middle)
+                let fresh = round % 2 == 0 || round == RELAX_ROUNDS;
+                project(around, p, middle, (!fresh).then_some(gradient))
             })
             .collect();
-        for (&v, (mut p, normal)) in owners.iter().zip(moved) {
+        for (&v, (mut p, gradient)) in owners.iter().zip(moved) {
             p.y = p.y.max(0.0);
             let m = mirror[v] as usize;
             positions[v] = p;
-            normals[v] = normal;
+            gradients[v] = gradient;
             if m != v {
                 positions[m] = DVec3::new(-p.x, p.y, p.z);
-                normals[m] = DVec3::new(-normal.x, normal.y, normal.z);
+                gradients[m] = DVec3::new(-gradient.x, gradient.y, gradient.z);
             }
         }
     }

@@ -2,16 +2,10 @@
 
 use glam::DVec3;
 
-use super::field::{FAR, Field, Region, Sides};
+use super::field::{FAR, Field, Region, Sides, ramp};
 use super::frame::Frame;
 use crate::pose::SkinWeight;
 use crate::skeleton::Bone;
-
-/// Smooth step from 0 at `from` to 1 at `to`
-fn ramp(x: f64, from: f64, to: f64) -> f64 {
-    let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
-}
 
 /// How much a point belongs to a part rather than to another, by its distances to both
 ///
