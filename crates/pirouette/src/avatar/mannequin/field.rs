@@ -386,10 +386,41 @@ pub(super) struct Part {
     bounds: (DVec3, DVec3),
 }
 
+/// A smooth swelling or hollow of the surface: muscles, furrows and folds too shallow to be parts of their own
+#[derive(Debug, Clone)]
+pub(super) struct Relief {
+    pub region: Region,
+    /// The point of the left side or the middle where it is strongest; its mirror image has the same
+    pub center: DVec3,
+    /// Columns: the directions of `radii`
+    pub axes: DMat3,
+    /// Where it has faded out
+    pub radii: DVec3,
+    /// How far the surface moves outward at the center, in mm; inward when negative
+    pub height: f64,
+}
+
+impl Relief {
+    fn at(&self, p: DVec3) -> f64 {
+        let from = p - self.center;
+        if from.abs().max_element() > self.radii.max_element() {
+            return 0.0;
+        }
+        let q = self.axes.transpose() * from / self.radii;
+        let rest = 1.0 - q.length_squared();
+        if rest > 0.0 {
+            self.height * rest * rest
+        } else {
+            0.0
+        }
+    }
+}
+
 /// The whole body
 #[derive(Debug, Clone, Default)]
 pub(super) struct Field {
     parts: Vec<Part>,
+    reliefs: Vec<Relief>,
 }
 
 /// Width of the rounding where the soles meet the floor, in mm
@@ -404,6 +435,11 @@ impl Field {
     /// Adds a part of the left side and its mirror image
     pub(super) fn add_pair(&mut self, region: Region, shape: Shape, blend: f64, mirror_blend: f64) {
         self.push(region, shape, blend, Some(mirror_blend));
+    }
+
+    /// Adds a swelling or hollow; one off the middle comes with its mirror image
+    pub(super) fn add_relief(&mut self, relief: Relief) {
+        self.reliefs.push(relief);
     }
 
     fn push(&mut self, region: Region, shape: Shape, blend: f64, mirror_blend: Option<f64>) {
@@ -431,7 +467,8 @@ impl Field {
         sides: Sides,
     ) -> f64 {
         let parts = self.parts.iter().filter(|part| included(part.region));
-        value_over(parts, p, sides)
+        let reliefs = self.reliefs.iter().filter(|r| included(r.region));
+        value_over(parts, reliefs, p, sides)
     }
 
     /// What shapes the surface within `reach` mm of a point of the left side
@@ -442,9 +479,16 @@ impl Field {
             near(p) || pair && near(mirrored)
         };
         let parts = self.parts.iter();
+        let reliefs = self.reliefs.iter();
         Neighborhood {
             parts: parts
                 .filter(|part| touches(part.bounds, part.mirror_blend.is_some()))
+                .collect(),
+            reliefs: reliefs
+                .filter(|r| {
+                    let radius = DVec3::splat(r.radii.max_element());
+                    touches((r.center - radius, r.center + radius), r.center.x > 0.0)
+                })
                 .collect(),
         }
     }
@@ -475,14 +519,15 @@ impl Field {
 #[derive(Debug)]
 pub(super) struct Neighborhood<'a> {
     parts: Vec<&'a Part>,
+    reliefs: Vec<&'a Relief>,
 }
 
 impl Neighborhood<'_> {
     /// Signed value at a point of either side, cut flat at the floor
     pub(super) fn value(&self, p: DVec3) -> f64 {
         let left = DVec3::new(p.x.abs(), p.y, p.z);
-        let parts = self.parts.iter().copied();
-        cut_at_floor(value_over(parts, left, Sides::Both), p.y)
+        let (parts, reliefs) = (self.parts.iter().copied(), self.reliefs.iter().copied());
+        cut_at_floor(value_over(parts, reliefs, left, Sides::Both), p.y)
     }
 
     /// Gradient by differences over `step` mm; at the mirror plane it lies in the plane
@@ -503,8 +548,13 @@ fn cut_at_floor(body: f64, height: f64) -> f64 {
     -smooth_min(-body, height, SOLE_ROUNDING)
 }
 
-/// The blend of parts in their order
-fn value_over<'a>(parts: impl Iterator<Item = &'a Part>, p: DVec3, sides: Sides) -> f64 {
+/// The blend of parts in their order, with the reliefs on it
+fn value_over<'a>(
+    parts: impl Iterator<Item = &'a Part>,
+    reliefs: impl Iterator<Item = &'a Relief>,
+    p: DVec3,
+    sides: Sides,
+) -> f64 {
     let mut value = FAR;
     let mirrored = DVec3::new(-p.x, p.y, p.z);
     for part in parts {
@@ -524,6 +574,15 @@ fn value_over<'a>(parts: impl Iterator<Item = &'a Part>, p: DVec3, sides: Sides)
             (None, None) => continue,
         };
         value = smooth_min(value, distance, part.blend);
+    }
+    if value >= FAR {
+        return value;
+    }
+    for relief in reliefs {
+        value -= relief.at(p);
+        if sides == Sides::Both && relief.center.x > 0.0 {
+            value -= relief.at(mirrored);
+        }
     }
     value
 }

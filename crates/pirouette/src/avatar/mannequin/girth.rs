@@ -173,11 +173,19 @@ fn tape_girth(field: &Field, tape: &Tape) -> f64 {
         let (sin, cos) = angle.sin_cos();
         let direction = tape.across[0] * sin + tape.across[1] * cos;
         let mut radius = 0.0;
+        let mut before = None;
         for _ in 0..60 {
             let v = value(tape.center + direction * radius);
             if v > -1e-3 {
+                // Hollows make the field steeper than a distance: a step can end outside.
+                if let Some((inner, inside)) = before
+                    && v > 1e-3
+                {
+                    radius = inner + (radius - inner) * inside / (inside - v);
+                }
                 break;
             }
+            before = Some((radius, v));
             radius += -0.9 * v;
         }
         (radius > 0.0).then(|| DVec2::new(sin, cos) * radius)

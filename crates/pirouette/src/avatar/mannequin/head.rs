@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::field::{Field, Region, Section, Shape, Tube};
+use super::field::{Field, Region, Relief, Section, Shape, Tube};
 use super::shape::Anatomy;
 
 /// Share of the head's length before the ear holes
@@ -17,27 +17,27 @@ const FRONT_OF_EAR: f64 = 0.53;
 type Row = [f64; 5];
 
 const FEMALE: [Row; 9] = [
-    [0.60, 0.985, 1.03, 0.90, 0.1],
-    [0.74, 0.985, 1.03, 0.93, 0.15],
-    [0.88, 0.955, 1.00, 0.91, 0.2],
-    [1.00, 0.925, 1.00, 0.86, 0.25],
-    [1.14, 0.88, 1.02, 0.74, 0.25],
-    [1.30, 0.82, 1.02, 0.50, 0.2],
-    [1.46, 0.73, 1.01, 0.20, 0.1],
-    [1.60, 0.60, 0.98, -0.05, 0.0],
-    [1.69, 0.44, 0.92, -0.25, 0.0],
+    [0.60, 0.955, 1.03, 0.88, 0.05],
+    [0.74, 0.955, 1.05, 0.92, 0.1],
+    [0.88, 0.94, 1.03, 0.91, 0.2],
+    [1.00, 0.92, 1.00, 0.85, 0.2],
+    [1.14, 0.88, 1.01, 0.70, 0.15],
+    [1.30, 0.81, 1.02, 0.45, 0.1],
+    [1.46, 0.70, 1.00, 0.15, 0.05],
+    [1.58, 0.55, 0.97, -0.10, 0.0],
+    [1.66, 0.38, 0.90, -0.30, 0.0],
 ];
 
 const MALE: [Row; 9] = [
-    [0.60, 0.985, 1.00, 0.90, 0.1],
-    [0.74, 0.985, 1.05, 0.93, 0.15],
-    [0.88, 0.96, 1.02, 0.91, 0.2],
-    [1.00, 0.935, 1.01, 0.86, 0.25],
-    [1.14, 0.90, 1.03, 0.74, 0.3],
-    [1.30, 0.87, 1.03, 0.50, 0.25],
-    [1.46, 0.80, 1.03, 0.20, 0.2],
-    [1.60, 0.68, 1.01, -0.05, 0.1],
-    [1.70, 0.50, 0.96, -0.25, 0.1],
+    [0.60, 0.96, 1.07, 0.93, 0.2],
+    [0.74, 0.955, 1.11, 0.95, 0.2],
+    [0.88, 0.945, 1.06, 0.92, 0.3],
+    [1.00, 0.925, 1.02, 0.86, 0.2],
+    [1.14, 0.88, 1.02, 0.72, 0.15],
+    [1.30, 0.81, 1.02, 0.45, 0.05],
+    [1.46, 0.72, 1.02, 0.15, 0.0],
+    [1.58, 0.60, 1.00, -0.10, 0.0],
+    [1.67, 0.48, 0.95, -0.30, 0.0],
 ];
 
 /// Adds neck, skull, jaw, nose and ears
@@ -61,7 +61,7 @@ pub(super) fn add_head(field: &mut Field, a: &Anatomy) {
             let back = row[3] * half_length - shift;
             let half = row[1] * half_breadth;
             // The head is widest behind its middle.
-            let middle = (front - back) / 2.0 - 0.06 * half_length;
+            let middle = (front - back) / 2.0 - 0.10 * half_length;
             let section = Section {
                 center: DVec2::new(0.0, middle),
                 outer: half,
@@ -75,7 +75,7 @@ pub(super) fn add_head(field: &mut Field, a: &Anatomy) {
         })
         .collect();
     let cap = keys[0].0;
-    let tube = Tube::new(origin, axes, &keys, [cap, 0.08 * drop]);
+    let tube = Tube::new(origin, axes, &keys, [cap, 0.06 * drop]);
     field.add(Region::Head, Shape::Tube(tube), 0.14 * drop);
 
     let face = |depth: f64, ahead: f64, x: f64| {
@@ -86,54 +86,70 @@ pub(super) fn add_head(field: &mut Field, a: &Anatomy) {
         )
     };
     let bridge = Shape::Cone {
-        from: face(0.93, 0.96, 0.0),
-        to: face(1.20, 1.12, 0.0),
-        radii: [0.07 * half_length, 0.085 * half_length],
+        from: face(0.93, 0.98, 0.0),
+        to: face(1.15, 1.16, 0.0),
+        radii: [0.075 * half_length, 0.085 * half_length],
     };
-    field.add(Region::Head, bridge, 8.0);
+    field.add(Region::Head, bridge, 10.0);
     let tip = Shape::ellipsoid(
-        face(1.22, 1.12, 0.0),
-        DVec3::new(0.17, 0.10, 0.12) * half_length,
+        face(1.20, 1.15, 0.0),
+        DVec3::new(0.17, 0.10, 0.13) * half_length,
     );
     field.add(Region::Head, tip, 8.0);
-    let brow = Shape::ellipsoid(
-        face(0.80, 0.90, 0.30),
-        DVec3::new(0.30 * half_breadth, 8.0, 0.10 * half_length),
-    );
-    field.add_pair(Region::Head, brow, 12.0, 8.0);
     let cheek = Shape::ellipsoid(
-        face(1.16, 0.66, 0.50),
-        DVec3::new(0.32, 0.30, 0.28) * half_breadth,
+        face(1.12, 0.64, 0.47),
+        DVec3::new(0.30, 0.30, 0.28) * half_breadth,
     );
     field.add_pair(Region::Head, cheek, 24.0, 4.0);
     let lips = Shape::ellipsoid(
-        face(1.44, 0.965, 0.0),
-        DVec3::new(0.22 * half_length, 8.0, 0.075 * half_length),
+        face(1.41, 0.99, 0.0),
+        DVec3::new(0.24, 0.14, 0.085) * half_length,
     );
-    field.add(Region::Head, lips, 10.0);
+    field.add(Region::Head, lips, 12.0);
     let chin = Shape::ellipsoid(
-        face(1.64, 0.85, 0.0),
-        DVec3::new(a.by_sex(0.20, 0.26), 0.16, 0.16) * half_length,
+        face(1.61, 0.88, 0.0),
+        DVec3::new(a.by_sex(0.20, 0.32), 0.14, 0.16) * half_length,
     );
     field.add(Region::Head, chin, 14.0);
-    let ear_axes = DMat3::from_rotation_y(0.45);
+    // Brows, and below them the sockets of the eyes
+    for (center, radii, height) in [
+        (
+            face(0.80, 0.98, 0.30),
+            [38.0, 17.0, 34.0],
+            a.by_sex(1.0, 3.0),
+        ),
+        (face(0.95, 0.94, 0.42), [25.0, 18.0, 32.0], -5.0),
+    ] {
+        field.add_relief(Relief {
+            region: Region::Head,
+            center,
+            axes: DMat3::IDENTITY,
+            radii: DVec3::from_array(radii) * (half_length / 98.0),
+            height: height * half_length / 98.0,
+        });
+    }
+    let ear_axes = DMat3::from_rotation_y(0.38);
     let ear = Shape::Ellipsoid {
-        center: face(1.0, -0.10, 1.02),
+        center: face(1.08, -0.08, 0.99),
         axes: ear_axes,
-        radii: DVec3::new(9.0, d.ear_length / 2.0, 0.30 * d.ear_length),
+        radii: DVec3::new(9.5, d.ear_length / 2.0, 0.29 * d.ear_length),
     };
-    field.add_pair(Region::Head, ear, 5.0, 1.0);
+    field.add_pair(Region::Head, ear, 9.0, 1.0);
 }
 
 /// Lower and upper end of the neck's axis
 pub(super) fn neck_axis(a: &Anatomy) -> [DVec3; 2] {
     let (m, frame) = (a.frame.mille, a.frame);
     [
-        DVec3::new(0.0, frame.nape.y - 25.0 * m, frame.plumb_z - 9.0 * m),
+        DVec3::new(
+            0.0,
+            frame.nape.y - 25.0 * m,
+            frame.plumb_z - a.by_sex(7.5, 5.0) * m,
+        ),
         DVec3::new(
             0.0,
             frame.tragion.y - 4.0 * m,
-            frame.plumb_z + a.by_sex(4.0, 12.0) * m,
+            frame.plumb_z + a.by_sex(6.5, 16.5) * m,
         ),
     ]
 }
@@ -153,7 +169,7 @@ fn add_neck(field: &mut Field, a: &Anatomy) {
         front: front * radius,
         back: back * radius,
         square_front: 0.0,
-        square_back: 0.1,
+        square_back: -0.1,
     };
     let keys = [
         (0.0, section(1.25, 1.0, 1.0)),

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::field::{Curve, Field, Region, Section, Shape, Tube};
+use super::field::{Curve, Field, Region, Relief, Section, Shape, Tube};
 use super::shape::Anatomy;
 
 /// One row of a trunk table, in per mille: height, half breadth, front and back from the plumb line through the ankles
@@ -21,9 +21,9 @@ const FEMALE: [Row; 15] = [
     [700.0, 81.0, 63.0, 47.0],
     [725.0, 86.0, 60.0, 54.0],
     [750.0, 90.0, 54.0, 61.0],
-    [775.0, 91.0, 46.0, 63.0],
-    [800.0, 80.0, 34.0, 60.0],
-    [820.0, 56.0, 25.0, 52.0],
+    [775.0, 91.0, 47.5, 63.0],
+    [800.0, 80.0, 42.0, 60.0],
+    [820.0, 56.0, 33.0, 52.0],
     [850.0, 34.0, 12.0, 38.0],
 ];
 
@@ -31,19 +31,19 @@ const FEMALE: [Row; 15] = [
 const MALE: [Row; 15] = [
     [500.0, 64.0, 52.0, 54.0],
     [515.0, 80.0, 63.0, 58.0],
-    [545.0, 92.0, 71.0, 58.0],
-    [575.0, 91.0, 72.0, 54.0],
-    [602.0, 86.0, 71.0, 47.0],
-    [630.0, 84.0, 69.0, 44.0],
-    [650.0, 83.5, 69.0, 45.0],
+    [545.0, 92.0, 68.5, 58.0],
+    [575.0, 91.0, 68.0, 54.0],
+    [602.0, 86.0, 67.0, 47.0],
+    [630.0, 84.0, 65.5, 44.0],
+    [650.0, 83.5, 67.5, 45.0],
     [675.0, 86.0, 70.0, 48.0],
     [700.0, 90.0, 71.0, 54.0],
     [725.0, 95.0, 70.0, 58.0],
     [750.0, 99.0, 66.0, 61.0],
     [775.0, 99.0, 57.0, 62.0],
-    [800.0, 87.0, 43.0, 59.0],
-    [820.0, 60.0, 32.0, 53.0],
-    [850.0, 36.0, 18.0, 40.0],
+    [800.0, 87.0, 45.0, 59.0],
+    [820.0, 60.0, 30.0, 53.0],
+    [850.0, 36.0, 14.0, 40.0],
 ];
 
 /// Heights of the tables' landmarks, in per mille: crotch, seat, waist, tenth rib, chest, armpit, acromion, nape
@@ -140,16 +140,116 @@ pub(super) fn add_trunk(field: &mut Field, a: &Anatomy) {
     add_seat(field, a);
     add_chest(field, a, chest_growth);
     add_girdle(field, a);
+    add_reliefs(field, a);
+}
+
+/// Swellings and hollows of the trunk that its sections do not have: where muscles and bones stand out or leave furrows
+///
+/// No outline shows most of them, so a fit keeps them as they are here. Drawn after rendered figures of both sexes.
+fn add_reliefs(field: &mut Field, a: &Anatomy) {
+    let (m, plumb) = (a.frame.mille, a.frame.plumb_z);
+    let height = heights(a);
+    let girth = a.dimensions.chest_girth / a.lean.chest_girth;
+    // Table: x, y, z, radii, height; all in per mille, y along the trunk's tables, z from the plumb line
+    let mut add = |[x, y, z]: [f64; 3], radii: [f64; 3], tilt_degrees: f64, lift: f64| {
+        field.add_relief(Relief {
+            region: Region::Trunk,
+            center: DVec3::new(x * m * girth, height.at(y), plumb + z * m * girth),
+            axes: DMat3::from_rotation_z(tilt_degrees.to_radians()),
+            radii: DVec3::from_array(radii) * m,
+            height: lift * m,
+        });
+    };
+    let by_sex = |female: f64, male: f64| a.by_sex(female, male);
+    // Between the shoulder blades, and the furrow of the spine down to the loins
+    add(
+        [0.0, by_sex(832.0, 820.0), -56.0],
+        [by_sex(50.0, 64.0), by_sex(78.0, 104.0), 60.0],
+        0.0,
+        -by_sex(9.0, 16.5),
+    );
+    add(
+        [0.0, by_sex(704.0, 750.0), -56.0],
+        [by_sex(28.0, 38.0), 150.0, 60.0],
+        0.0,
+        -by_sex(13.0, 6.0),
+    );
+    // Shoulder blades, and below them the muscles beside the spine and the broad muscle of the back
+    add(
+        [66.0, by_sex(760.0, 764.0), -52.0],
+        [46.0, 58.0, 60.0],
+        0.0,
+        by_sex(0.0, 13.0),
+    );
+    add(
+        [44.0, 705.0, -52.0],
+        [36.0, 60.0, 60.0],
+        0.0,
+        by_sex(0.0, 4.0),
+    );
+    // Over the breastbone, between breasts or chest muscles
+    add(
+        [0.0, by_sex(732.0, 756.0), 56.0],
+        [30.0, by_sex(36.0, 40.0), 50.0],
+        0.0,
+        -by_sex(6.5, 3.5),
+    );
+    // Lower border of the ribs
+    add(
+        [by_sex(28.0, 48.0), by_sex(678.0, 694.0), 66.0],
+        [40.0, 32.0, 50.0],
+        0.0,
+        by_sex(1.5, 5.0),
+    );
+    // The white line of the belly, and the front of the armpit
+    add(
+        [0.0, 630.0, 66.0],
+        [22.0, 105.0, 50.0],
+        0.0,
+        -by_sex(0.0, 2.5),
+    );
+    add(
+        [104.0, 758.0, 22.0],
+        [28.0, 32.0, 42.0],
+        0.0,
+        by_sex(0.0, 7.0),
+    );
+    // Groin: from the hip bone down to the pubis
+    add(
+        [38.0, 535.0, 64.0],
+        [56.0, 28.0, 50.0],
+        50.0,
+        -by_sex(3.2, 8.5),
+    );
+    add(
+        [by_sex(16.0, 24.0), by_sex(501.0, 490.0), 50.0],
+        [34.0, 34.0, 50.0],
+        0.0,
+        -by_sex(3.4, 7.0),
+    );
+    // The fold and the cleft of the seat
+    add(
+        [30.0, by_sex(470.0, 484.0), -46.0],
+        [30.0, 28.0, 60.0],
+        0.0,
+        -by_sex(7.5, 5.0),
+    );
+    add(
+        [0.0, 515.0, -66.0],
+        [16.0, 32.0, 50.0],
+        0.0,
+        -by_sex(3.0, 1.0),
+    );
 }
 
 fn add_seat(field: &mut Field, a: &Anatomy) {
     let (m, d) = (a.frame.mille, a.dimensions);
     let growth = a.scales.hip * d.buttock_depth / a.lean.buttock_depth;
-    let radii = DVec3::new(a.by_sex(46.0, 43.0), a.by_sex(50.0, 46.0), 40.0) * m * growth.sqrt();
+    let radii = DVec3::new(a.by_sex(46.0, 43.0), a.by_sex(50.0, 49.0), 40.0) * m * growth.sqrt();
     let back = a.by_sex(86.0, 74.0) * m * growth.sqrt();
     let center = DVec3::new(
         a.by_sex(42.0, 40.0) * m * growth.sqrt(),
-        d.buttock_height + 5.0 * m,
+        d.buttock_height + a.by_sex(5.0, 7.0) * m,
         a.frame.plumb_z - back + radii.z,
     );
     field.add_pair(
@@ -192,7 +292,7 @@ fn add_chest(field: &mut Field, a: &Anatomy, growth: f64) {
         let front = (64.0 + 5.0 * a.maleness) * size;
         let center = DVec3::new(
             44.0 * size,
-            d.chest_height + 16.0 * m,
+            d.chest_height + 4.0 * m,
             a.frame.plumb_z + front - radii.z,
         );
         field.add_pair(
@@ -223,27 +323,55 @@ fn add_girdle(field: &mut Field, a: &Anatomy) {
         square_back: 0.0,
     };
     let keys = [
-        (0.0, section(4.0, 22.0, 30.0, 36.0, 38.0)),
-        (0.45 * joint.x, section(4.0, 24.0, 30.0, 36.0, 38.0)),
-        (0.8 * joint.x, section(3.0, 24.0, 28.0, 32.0, 35.0)),
-        (joint.x, section(0.0, 22.0, 24.0, 26.0, 28.0)),
+        (0.0, section(4.0, 22.0, 30.0, a.by_sex(40.0, 33.0), 38.0)),
+        (
+            0.45 * joint.x,
+            section(4.0, 24.0, 30.0, a.by_sex(38.0, 34.0), 38.0),
+        ),
+        (
+            0.8 * joint.x,
+            section(3.0, 24.0, 30.0, a.by_sex(31.0, 38.0), 35.0),
+        ),
+        (
+            joint.x,
+            section(0.0, 22.0, 26.0, a.by_sex(27.0, 34.0), 28.0),
+        ),
     ];
     let tube = Tube::new(origin, axes, &keys, [10.0 * m, 20.0 * m]);
     field.add(Region::Trunk, Shape::Tube(tube), 42.0 * m);
 
     // The broad muscle of the back, from the ribs up to the arm: the rear fold of the armpit.
     let ribs = DVec3::new(
-        a.by_sex(60.0, 66.0) * m,
+        a.by_sex(60.0, 67.0) * m,
         a.dimensions.chest_height - 20.0 * m,
         frame.plumb_z - 22.0 * m,
     );
-    let insertion = frame.shoulder + frame.upper_arm_axes * DVec3::new(-12.0, 24.0, -8.0) * m;
+    let insertion =
+        frame.shoulder + frame.upper_arm_axes * DVec3::new(a.by_sex(-12.0, -9.0), 24.0, -8.0) * m;
     let latissimus = Shape::Cone {
         from: ribs,
         to: insertion,
-        radii: [12.0 * m * thick, 9.0 * m * thick],
+        radii: [a.by_sex(12.0, 11.0) * m * thick, 9.0 * m * thick],
     };
     field.add_pair(Region::Trunk, latissimus, 34.0 * m, 1.0);
+
+    // The chest muscle from the upper ribs to the arm: the front fold of the armpit.
+    let ribs = DVec3::new(
+        a.by_sex(56.0, 62.0) * m,
+        a.dimensions.axilla_height + a.by_sex(16.0, 10.0) * m,
+        frame.plumb_z + a.by_sex(14.0, 32.0) * m,
+    );
+    let insertion = frame.shoulder
+        + frame.upper_arm_axes * DVec3::new(a.by_sex(-4.0, -9.0), 36.0, a.by_sex(9.0, 14.0)) * m;
+    let pectoral = Shape::Cone {
+        from: ribs,
+        to: insertion,
+        radii: [
+            a.by_sex(12.0, 18.0) * m * thick,
+            a.by_sex(11.0, 15.0) * m * thick,
+        ],
+    };
+    field.add_pair(Region::Trunk, pectoral, 34.0 * m, 1.0);
 
     let neck = DVec3::new(18.0 * m, frame.nape.y - 4.0 * m, frame.plumb_z - 14.0 * m);
     let acromion = DVec3::new(joint.x - 10.0 * m, joint.y + 9.0 * m, joint.z - 7.0 * m);
