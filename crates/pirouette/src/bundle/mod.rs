@@ -18,6 +18,7 @@ mod start;
 mod swaps;
 #[cfg(test)]
 mod tests;
+mod turns;
 
 use glam::{DVec2, DVec3};
 use thiserror::Error;
@@ -35,6 +36,7 @@ use solve::{Solution, solve};
 pub use scales::{Scale, Scales, rescale_avatar};
 pub(crate) use start::keypoint_sigma_px;
 pub use swaps::Limb;
+pub use turns::TurnCorrection;
 
 /// One photo as the bundle sees it
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,6 +60,8 @@ pub struct BundleOptions {
     pub mend_swaps: bool,
     /// How far a camera of unknown pitch may be from level, as a standard deviation; 0 holds it level
     pub pitch_sigma_radians: f64,
+    /// Whether turn angles that go the wrong way round, or do not start at the front, are corrected
+    pub correct_turns: bool,
     /// Whether arms and thighs may be held otherwise than in the reference pose in all views
     ///
     /// Only where the keypoints clearly ask for it; else, and when this is off, all counts as sway, which the
@@ -70,6 +74,7 @@ impl Default for BundleOptions {
         Self {
             rounds: 25,
             mend_swaps: true,
+            correct_turns: true,
             pitch_sigma_radians: 2.0_f64.to_radians(),
             free_posture: true,
         }
@@ -83,8 +88,10 @@ pub struct Bundle {
     pub avatar: Avatar,
     /// The camera of each view; they differ in the size of the photo alone
     pub cameras: Vec<Camera>,
-    /// Turn angle of each view, as given
+    /// Turn angle of each view: as given, unless `turn_correction` says otherwise
     pub turns: Vec<TurnAngle>,
+    /// What the given turn angles were changed by
+    pub turn_correction: TurnCorrection,
     /// Pose of each view, posture and sway together
     pub poses: Vec<Pose>,
     /// What the poses have in common against the reference pose: how arms and thighs are held
@@ -142,6 +149,20 @@ pub enum BundleWarning {
     CameraHeightUnknown {
         /// Height that was used, in mm
         estimated_mm: f64,
+    },
+    /// The person turned the other way round
+    #[error(
+        "the person turns to the own right: the turn angles were taken with the opposite sign; \
+         turn to the left, or reverse the angles"
+    )]
+    TurnedBackward,
+    /// The turn angles do not start where the person faces the camera
+    #[error(
+        "the person faces the camera at another angle than 0: {offset_degrees:.0} degrees were added to all turn angles"
+    )]
+    TurnsShifted {
+        /// What was added to the angles, in degrees
+        offset_degrees: f64,
     },
     /// The view has the mean pose of the others
     #[error("view {view} has no keypoints: it takes the mean pose of the other views")]
@@ -286,7 +307,25 @@ pub fn bundle(
         views: start.views,
     };
 
-    let mut solution = solve(&problem, problem.start(), options.rounds);
+    let (mut solution, turn_correction) = if options.correct_turns {
+        turns::solve_turns(&mut problem, options.rounds)
+    } else {
+        let solution = solve(&problem, problem.start(), options.rounds);
+        (solution, TurnCorrection::default())
+    };
+    if turn_correction.reversed {
+        warnings.push(BundleWarning::TurnedBackward);
+    }
+    let offset_degrees = turn_correction.offset.wrapped().degrees();
+    if turn_correction != TurnCorrection::default() && offset_degrees > 0.0 {
+        warnings.push(BundleWarning::TurnsShifted {
+            offset_degrees: if offset_degrees > 180.0 {
+                offset_degrees - 360.0
+            } else {
+                offset_degrees
+            },
+        });
+    }
     let mut swaps = Vec::new();
     mend(&mut problem, &mut solution, &mut swaps, options);
     if options.free_posture {
@@ -310,8 +349,11 @@ pub fn bundle(
         &avatar,
         &problem,
         &solution.unknowns,
-        keypoints,
-        swaps,
+        Mended {
+            keypoints,
+            swaps,
+            turn_correction,
+        },
         warnings,
     ))
 }
@@ -335,13 +377,19 @@ fn mend(
     }
 }
 
+/// What was wrong with the input, and is no longer
+struct Mended {
+    keypoints: Vec<Keypoints>,
+    swaps: Vec<(usize, Limb)>,
+    turn_correction: TurnCorrection,
+}
+
 /// Everything that the solution says
 fn assemble(
     avatar: &Avatar,
     problem: &Problem,
     unknowns: &Unknowns,
-    keypoints: Vec<Keypoints>,
-    swaps: Vec<(usize, Limb)>,
+    mended: Mended,
     mut warnings: Vec<BundleWarning>,
 ) -> Bundle {
     let shared = problem.shared(&unknowns.shared);
@@ -408,9 +456,10 @@ fn assemble(
         turns: problem.views.iter().map(|view| view.turn).collect(),
         poses: final_poses(problem, &shared, unknowns),
         posture: shared.posture,
-        keypoints,
+        turn_correction: mended.turn_correction,
+        keypoints: mended.keypoints,
         scales: shared.scales,
-        swaps,
+        swaps: mended.swaps,
         outliers,
         rms_px: if count > 0 {
             (sum / count as f64).sqrt()

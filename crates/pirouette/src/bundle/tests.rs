@@ -174,6 +174,35 @@ fn swapped_limbs_are_found_and_mended() {
 }
 
 #[test]
+fn turn_angles_of_the_wrong_sign_or_start_are_corrected() {
+    let right = solved(&scan(&Setting::default()));
+    assert_eq!(right.turn_correction, TurnCorrection::default());
+    for (sign, offset_degrees) in [(-1.0, 0.0), (1.0, 180.0), (-1.0, 90.0), (1.0, 30.0)] {
+        let setting = Setting {
+            noise_px: 2.0,
+            ..Setting::default()
+        };
+        let (truth, mut stated) = (scan(&setting), scan(&setting));
+        for view in &mut stated.views {
+            // What a user would state of a person who in truth turned by `sign * stated + offset`
+            let degrees = sign * (view.turn.degrees() - offset_degrees);
+            view.turn = TurnAngle::from_degrees(degrees);
+        }
+        let found = solved(&stated);
+        assert_eq!(found.turn_correction.reversed, sign < 0.0);
+        let backward = found.warnings.contains(&BundleWarning::TurnedBackward);
+        assert_eq!(backward, sign < 0.0);
+        let off = found.turn_correction.offset.degrees() - offset_degrees;
+        let off = (off + 180.0).rem_euclid(360.0) - 180.0;
+        assert!(off.abs() < 4.0, "{sign} {offset_degrees}: {off}");
+        let shifted = |w: &BundleWarning| matches!(w, BundleWarning::TurnsShifted { .. });
+        assert_eq!(found.warnings.iter().any(shifted), offset_degrees != 0.0);
+        let error = joint_error_mm(&truth, &found);
+        assert!(error < 40.0, "{sign} {offset_degrees}: {error}");
+    }
+}
+
+#[test]
 fn an_outlier_is_named_and_harmless() {
     let mut truth = scan(&Setting {
         noise_px: 1.0,

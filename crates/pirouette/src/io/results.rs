@@ -351,6 +351,10 @@ fn skeleton_value(bundle: &Bundle, views: &[View]) -> Value {
     json!({
         "rms_px": rounded(bundle.rms_px, 2),
         "bone_scales": scales,
+        "turns": {
+            "reversed": bundle.turn_correction.reversed,
+            "offset_deg": rounded(bundle.turn_correction.offset.degrees(), 2),
+        },
         "mended": mended.collect::<Vec<_>>(),
         "outliers": outliers.collect::<Vec<_>>(),
     })

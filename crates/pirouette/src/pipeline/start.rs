@@ -149,6 +149,7 @@ fn pose_figure(
     };
     let options = BundleOptions {
         mend_swaps: false,
+        correct_turns: false,
         ..BundleOptions::default()
     };
     let posed = bundle(figure, &bundle_views, &setup, Some(stature_mm), &options).ok()?;

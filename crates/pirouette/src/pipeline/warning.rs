@@ -62,6 +62,8 @@ impl Warning {
                 BundleWarning::StatureUnknown { .. } => "stature_unknown",
                 BundleWarning::FieldOfViewUnknown { .. } => "field_of_view_unknown",
                 BundleWarning::CameraHeightUnknown { .. } => "camera_height_unknown",
+                BundleWarning::TurnedBackward => "turned_backward",
+                BundleWarning::TurnsShifted { .. } => "turns_shifted",
                 BundleWarning::ViewWithoutKeypoints { .. } => "view_without_keypoints",
                 BundleWarning::StatureContradicted { .. } => "stature_contradicted",
                 BundleWarning::UnusualLength { .. } => "unusual_length",
