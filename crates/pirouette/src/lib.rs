@@ -5,6 +5,7 @@ pub mod avatar;
 pub mod bundle;
 pub mod camera;
 pub mod carve;
+pub mod color;
 pub mod fit;
 pub mod io;
 pub mod measure;

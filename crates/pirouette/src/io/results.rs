@@ -88,9 +88,12 @@ pub fn write_results(
         write_whole(&file, &jpeg)?;
         contact_sheet = Some(jpeg);
     }
-    // What was fitted has bones.
+    // What was fitted has bones and colors.
     let body = report.body.as_ref().map(|mesh| match &report.fit {
-        Some(fit) => BodyMesh::from(&fit.avatar),
+        Some(fit) => BodyMesh {
+            colors: report.colors.as_ref().map(|colors| &colors.srgb[..]),
+            ..BodyMesh::from(&fit.avatar)
+        },
         None => BodyMesh::from(mesh),
     });
     let hull = report.hull.as_ref().map(BodyMesh::from);

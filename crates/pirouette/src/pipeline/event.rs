@@ -20,6 +20,8 @@ pub enum Stage {
     Segment,
     /// One body and its poses are fitted to all silhouettes
     Fit,
+    /// The fitted body takes the colors of the photos
+    Color,
     /// Silhouettes are brought to the reference pose
     Normalize,
     /// Silhouettes become a body
@@ -42,6 +44,7 @@ impl Stage {
             Stage::Prior => "prior",
             Stage::Segment => "segment",
             Stage::Fit => "fit",
+            Stage::Color => "color",
             Stage::Normalize => "normalize",
             Stage::Carve => "carve",
             Stage::Measure => "measure",

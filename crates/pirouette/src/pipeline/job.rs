@@ -11,6 +11,7 @@ use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
 use crate::avatar::{Avatar, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, CarveView, carve, carve_beside_avatar};
+use crate::color::{ColorOptions, ColorView, SurfaceColors, color_surface};
 use crate::fit::{Fit, FitOptions, OutlineTargets, fit_body};
 use crate::measure::{MeasureInput, Measurements, measure};
 use crate::normalize::{
@@ -309,6 +310,30 @@ impl<'a> Job<'a> {
                 &cancelled,
             );
             (fit, start.map(|start| start.figure))
+        })
+    }
+
+    /// Colors of the fitted body
+    pub(super) fn color(
+        &mut self,
+        bundle: &Bundle,
+        fit: &Fit,
+        views: &[ViewReport],
+    ) -> Result<Option<SurfaceColors>, PipelineError> {
+        let scan = self.scan;
+        self.stage(Stage::Color, 1, |_| {
+            let views: Vec<ColorView> = views
+                .iter()
+                .zip(&fit.poses)
+                .map(|(view, &pose)| ColorView {
+                    photo: &scan.views[view.index].photo,
+                    mask: &view.silhouette.mask,
+                    camera: bundle.cameras[view.index],
+                    turn: bundle.turns[view.index],
+                    pose,
+                })
+                .collect();
+            color_surface(&fit.avatar, &views, &ColorOptions::default())
         })
     }
 

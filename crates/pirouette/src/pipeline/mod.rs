@@ -170,6 +170,7 @@ pub fn run(
     drop(priors);
     let mut found_fit = None;
     let mut start = None;
+    let mut colors = None;
     let mut hull = None;
     let mut body = None;
     let mut measurements = None;
@@ -184,6 +185,11 @@ pub fn run(
             }
             Method::ThreeStep => None,
         };
+        if let Some(fit) = &fit
+            && config.goal >= Goal::Reconstruct
+        {
+            colors = job.color(bundle, fit, &views)?;
+        }
         views = job.normalize(&avatar, bundle, fit.as_ref(), views)?;
         if config.goal >= Goal::Reconstruct {
             if fit.is_none() || config.hull {
@@ -216,6 +222,7 @@ pub fn run(
         start,
         views,
         body,
+        colors,
         hull: hull.filter(|_| config.hull),
         measurements,
         dropped,

@@ -5,6 +5,7 @@ use thiserror::Error;
 
 use crate::avatar::Avatar;
 use crate::bundle::Bundle;
+use crate::color::SurfaceColors;
 use crate::fit::Fit;
 use crate::measure::Measurements;
 use crate::normalize::{NormalizeError, NormalizedView};
@@ -30,6 +31,8 @@ pub struct Report {
     pub views: Vec<ViewReport>,
     /// The body in the reference pose, world frame, mm
     pub body: Option<TriMesh>,
+    /// Colors of the fitted body, where any photo shows it
+    pub colors: Option<SurfaceColors>,
     /// The visual hull of the normalized silhouettes, if it was asked for
     pub hull: Option<TriMesh>,
     /// Measurements of the body

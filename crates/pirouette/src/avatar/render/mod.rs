@@ -20,6 +20,7 @@ pub use depth::{
     visible_vertices,
 };
 pub use shade::{Layer, shade, shade_layer};
+pub(crate) use shade::{linear_from_srgb, srgb_from_linear};
 
 /// Points nearer to the camera than this, in mm along the optical axis, are not drawn
 ///

@@ -1,10 +1,11 @@
-//! Binary glTF 2.0: one mesh with normals in meters, with its bones where it has some.
+//! Binary glTF 2.0: one mesh with normals in meters, with its colors and bones where it has some.
 
 use glam::{DMat4, DVec3};
 use pirouette_geom::TriMesh;
 use serde_json::{Value, json};
 
 use super::{BodyMesh, Skin};
+use crate::avatar::render::linear_from_srgb;
 use crate::skeleton::Bone;
 
 const METERS_PER_MM: f64 = 1e-3;
@@ -15,7 +16,7 @@ const METERS_PER_MM: f64 = 1e-3;
 /// rotated; other programs pose it by turning them.
 ///
 /// # Panics
-/// When a triangle names a vertex that does not exist, or there are skinning weights for some vertices only.
+/// When a triangle names a vertex that does not exist, or there are colors or skinning weights for some vertices only.
 pub fn write_glb(body: &BodyMesh) -> Vec<u8> {
     // glTF forbids empty accessors: without triangles the node stays empty.
     let (document, binary) = if body.mesh.triangles.is_empty() {
@@ -57,6 +58,7 @@ fn push_chunk(bytes: &mut Vec<u8>, kind: &[u8; 4], data: &[u8]) {
 }
 
 const UNSIGNED_BYTE: u32 = 5121;
+const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 const FLOAT: u32 = 5126;
 const ARRAY_BUFFER: u32 = 34962;
@@ -95,6 +97,16 @@ fn float_bytes(values: impl IntoIterator<Item = f64>) -> Vec<u8> {
 fn with_mesh(body: &BodyMesh) -> (Value, Vec<u8>) {
     let mut buffer = Buffer::default();
     let (mut attributes, indices) = push_surface(&mut buffer, body.mesh);
+    if let Some(colors) = body.colors {
+        assert_eq!(
+            colors.len(),
+            body.mesh.positions.len(),
+            "one color per vertex"
+        );
+        push_colors(&mut buffer, colors, &mut attributes);
+    }
+    // Colors are multiplied with the material's.
+    let base = if body.colors.is_some() { 1.0 } else { 0.8 };
     let mut scene = vec![0];
     let mut nodes = vec![json!({ "name": "body", "mesh": 0 })];
     let mut skins = Vec::new();
@@ -129,7 +141,7 @@ fn with_mesh(body: &BodyMesh) -> (Value, Vec<u8>) {
         "materials": [{
             "name": "matte",
             "pbrMetallicRoughness": {
-                "baseColorFactor": [0.8, 0.8, 0.8, 1.0],
+                "baseColorFactor": [base, base, base, 1.0],
                 "metallicFactor": 0.0,
                 "roughnessFactor": 0.9
             }
@@ -190,6 +202,23 @@ fn push_surface(buffer: &mut Buffer, mesh: &TriMesh) -> (Value, usize) {
     );
     let attributes = json!({ "POSITION": position, "NORMAL": normal });
     (attributes, indices)
+}
+
+/// Linear colors: in 16 bits, because 8 would leave steps in the dark
+fn push_colors(buffer: &mut Buffer, colors: &[[u8; 3]], attributes: &mut Value) {
+    let level = |v: u8| (65535.0 * linear_from_srgb(f32::from(v) / 255.0)).round() as u16;
+    // The fourth channel, opaque, fills the last word.
+    let levels = colors
+        .iter()
+        .flat_map(|c| [level(c[0]), level(c[1]), level(c[2]), u16::MAX]);
+    let bytes: Vec<u8> = levels.flat_map(u16::to_le_bytes).collect();
+    attributes["COLOR_0"] = json!(buffer.push(
+        &bytes,
+        Some(ARRAY_BUFFER),
+        json!({
+            "componentType": UNSIGNED_SHORT, "normalized": true, "count": colors.len(), "type": "VEC4"
+        }),
+    ));
 }
 
 /// Four bones per vertex and their weights
@@ -303,6 +332,33 @@ mod tests {
         }
         let bounds = primitive.bounding_box();
         assert_eq!((bounds.min, bounds.max), ([0.0; 3], [1.5, 0.25, 0.01]));
+    }
+
+    #[test]
+    fn colors_are_linear_in_the_file() {
+        let mesh = TriMesh {
+            positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
+            triangles: vec![[0, 1, 2]],
+        };
+        let colors = [[255, 0, 188], [1, 2, 3], [255; 3]];
+        let body = BodyMesh {
+            colors: Some(&colors),
+            ..BodyMesh::from(&mesh)
+        };
+        let gltf = gltf::Gltf::from_slice(&write_glb(&body)).expect("the document is valid");
+        let blob = gltf.blob.clone();
+        let primitive = gltf.meshes().flat_map(|m| m.primitives()).next();
+        let primitive = primitive.expect("there is one primitive");
+        let reader = primitive.reader(|_| blob.as_deref());
+        let read: Vec<[f32; 4]> = reader
+            .read_colors(0)
+            .expect("colors")
+            .into_rgba_f32()
+            .collect();
+        assert_eq!(read[0][..2], [1.0, 0.0]);
+        assert!((read[0][2] - 0.5029).abs() < 1e-3, "{:?}", read[0]);
+        assert!(read[1][0] > 0.0 && read[1][0] < read[1][1] && read[1][1] < read[1][2]);
+        assert_eq!(read[2], [1.0; 4]);
     }
 
     #[test]

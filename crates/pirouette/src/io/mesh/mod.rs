@@ -33,6 +33,8 @@ pub use stl::write_stl;
 pub struct BodyMesh<'a> {
     /// The surface; in millimeters, world frame, where the format has a unit and a frame
     pub mesh: &'a TriMesh,
+    /// Color of each vertex (sRGB), same order as the mesh's positions; PLY and GLB keep them
+    pub colors: Option<&'a [[u8; 3]]>,
     /// How bones move it; GLB keeps it
     pub skin: Option<Skin<'a>>,
 }
@@ -48,7 +50,11 @@ pub struct Skin<'a> {
 
 impl<'a> From<&'a TriMesh> for BodyMesh<'a> {
     fn from(mesh: &'a TriMesh) -> Self {
-        Self { mesh, skin: None }
+        Self {
+            mesh,
+            colors: None,
+            skin: None,
+        }
     }
 }
 
@@ -56,6 +62,7 @@ impl<'a> From<&'a Avatar> for BodyMesh<'a> {
     fn from(avatar: &'a Avatar) -> Self {
         Self {
             mesh: &avatar.mesh,
+            colors: None,
             skin: Some(Skin {
                 weights: &avatar.weights,
                 bone_heads: &avatar.bone_heads,
@@ -110,12 +117,12 @@ impl MeshFormat {
     /// The bytes of a file with this mesh or avatar, in millimeters
     ///
     /// # Panics
-    /// When a triangle names a vertex that does not exist, or there are skinning weights for some vertices only.
+    /// When a triangle names a vertex that does not exist, or there are colors or skinning weights for some vertices only.
     pub fn write<'a>(self, body: impl Into<BodyMesh<'a>>) -> Vec<u8> {
         let body = body.into();
         let mesh = body.mesh;
         match self {
-            MeshFormat::Ply => write_ply(mesh, None),
+            MeshFormat::Ply => write_ply(mesh, body.colors),
             MeshFormat::Glb => write_glb(&body),
             MeshFormat::Obj => write_obj(mesh),
             MeshFormat::Stl => write_stl(mesh),
