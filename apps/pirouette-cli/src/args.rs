@@ -306,7 +306,7 @@ Examples:
   pirouette segment one_photo -o out       a folder with one photo and its keypoints";
 
 const NORMALIZE_HELP: &str = "\
-Does what `segment` does, and writes normalized.png per view.
+Does what `segment` does, and writes normalized.png per view and, with the method `fit`, residuals.jpg.
 
 Examples:
   pirouette normalize photos/anna -o anna

@@ -47,6 +47,12 @@ fn scan_writes_the_whole_result_folder() {
         );
     }
     assert!(view["registration"].is_null());
+    for picture in ["contact.jpg", "residuals.jpg"] {
+        let bytes = std::fs::read(folders.out().join(picture)).unwrap();
+        assert!(bytes.starts_with(&[0xff, 0xd8]), "{picture}");
+    }
+    let ply = String::from_utf8_lossy(&bytes);
+    assert!(ply.contains("property uchar red"));
     assert!(!folders.out().join("report.html").exists());
 }
 

@@ -1,19 +1,29 @@
-//! The pictures of a result folder: an overlay per view, and the contact sheet.
+//! The pictures of a result folder: an overlay per view, the contact sheet, and the residuals.
 
 use glam::DVec3;
+use pirouette_geom::Grid;
 use rayon::prelude::*;
 
 use crate::avatar::render;
 use crate::bundle::Bundle;
 use crate::camera::Camera;
+use crate::fit::Fit;
 use crate::io::scan_folder::LoadedScan;
 use crate::normalize::shared_skeleton_joints;
-use crate::picture::{ContactView, OverlayInput, contact_sheet, overlay};
+use crate::picture::{
+    ContactView, OverlayInput, ResidualView, SeenBody, contact_sheet, count_color, overlay,
+    residual_sheet,
+};
 use crate::pipeline::{Report, ViewReport};
+use crate::pose::{Pose, pose_bones};
 use crate::scan::{Photo, View};
+use crate::units::TurnAngle;
 
 /// Bodies in the contact sheet are drawn at this part of the photo's size: tiles are no larger
 const BODY_SCALE: f64 = 0.4;
+
+/// And in the picture of residuals
+const SEEN_SCALE: f64 = 0.6;
 
 /// Draws what was known and found over the photo of one view
 pub(super) fn draw_overlay(view: &View, bundle: Option<&Bundle>, found: &ViewReport) -> Photo {
@@ -49,7 +59,7 @@ pub(super) fn draw_contact_sheet(loaded: &LoadedScan, report: &Report) -> Photo 
                 .zip(seen)
                 .map(|(body, (camera, turn))| {
                     let turned = turned(&body.positions, turn);
-                    render::shade(&turned, &body.triangles, None, &small(&camera))
+                    render::shade(&turned, &body.triangles, None, &small(&camera, BODY_SCALE))
                 });
             (reference, body)
         })
@@ -74,14 +84,82 @@ pub(super) fn draw_contact_sheet(loaded: &LoadedScan, report: &Report) -> Photo 
     contact_sheet(&views)
 }
 
-fn turned(positions: &[DVec3], turn: crate::units::TurnAngle) -> Vec<DVec3> {
+/// Draws how far the outlines in the photos are from the fitted body's, and how many views see each part of it
+///
+/// `None` when no body was fitted.
+pub(super) fn draw_residuals(loaded: &LoadedScan, report: &Report) -> Option<Photo> {
+    let (bundle, fit) = (report.bundle.as_ref()?, report.fit.as_ref()?);
+    let triangles = &fit.avatar.mesh.triangles;
+    let mesh = render::SilhouetteMesh::new(triangles);
+    let coverages: Vec<Grid<f32>> = report
+        .views
+        .par_iter()
+        .zip(&fit.poses)
+        .map(|(found, pose)| {
+            let positions = posed(fit, pose, bundle.turns[found.index]);
+            mesh.silhouette(&positions, &bundle.cameras[found.index])
+        })
+        .collect();
+    let views: Vec<ResidualView> = report
+        .views
+        .iter()
+        .zip(&coverages)
+        .map(|(found, body)| {
+            let (view, camera) = (
+                &loaded.scan.views[found.index],
+                &bundle.cameras[found.index],
+            );
+            ResidualView {
+                name: &view.name,
+                turn: view.turn,
+                photo: &view.photo,
+                silhouette: &found.silhouette.soft,
+                body,
+                mm_per_px: camera.distance_mm / camera.focal_px(),
+            }
+        })
+        .collect();
+    let mut seen = Vec::new();
+    if let (Some(colors), Some(camera)) = (&report.colors, bundle.cameras.first()) {
+        let counts = colors.view_counts.iter();
+        let counts: Vec<[f32; 3]> = counts
+            .map(|&count| {
+                let color = count_color(usize::from(count));
+                color.map(|v| render::linear_from_srgb(f32::from(v) / 255.0))
+            })
+            .collect();
+        for (label, degrees) in [("front", 0.0), ("back", 180.0)] {
+            let turn = TurnAngle::from_degrees(degrees);
+            let positions = turned(&fit.avatar.mesh.positions, turn);
+            let camera = small(camera, SEEN_SCALE);
+            let picture = render::shade(&positions, triangles, Some(&counts), &camera);
+            seen.push((label, picture, mesh.silhouette(&positions, &camera)));
+        }
+    }
+    let seen: Vec<SeenBody> = seen
+        .iter()
+        .map(|(label, picture, coverage)| SeenBody {
+            label,
+            picture,
+            coverage,
+        })
+        .collect();
+    Some(residual_sheet(&views, &seen, views.len()))
+}
+
+fn posed(fit: &Fit, pose: &Pose, turn: TurnAngle) -> Vec<DVec3> {
+    let bones = pose_bones(&fit.avatar.bone_heads, pose, turn);
+    bones.skin(&fit.avatar.mesh.positions, &fit.avatar.weights)
+}
+
+fn turned(positions: &[DVec3], turn: TurnAngle) -> Vec<DVec3> {
     let room_from_world = turn.room_from_world();
     positions.iter().map(|&p| room_from_world * p).collect()
 }
 
 /// The same camera with fewer pixels
-fn small(camera: &Camera) -> Camera {
-    let scaled = |size: usize| ((size as f64 * BODY_SCALE).round() as usize).max(1);
+fn small(camera: &Camera, scale: f64) -> Camera {
+    let scaled = |size: usize| ((size as f64 * scale).round() as usize).max(1);
     Camera {
         width_px: scaled(camera.width_px),
         height_px: scaled(camera.height_px),

@@ -17,7 +17,7 @@ use crate::io::atomic::{WriteError, make_folder, write_whole};
 use crate::io::mesh::{BodyMesh, MeshFormat};
 use crate::io::page::{Page, PageView, write_page};
 use crate::io::photo::{encode_jpeg, encode_mask, resample, shrink};
-use crate::io::pictures::{draw_contact_sheet, draw_overlay};
+use crate::io::pictures::{draw_contact_sheet, draw_overlay, draw_residuals};
 use crate::io::scan_folder::LoadedScan;
 use crate::normalize::{JointPositions, LimbRefinement, Registration};
 use crate::pipeline::{Goal, Method, Report, ViewReport, Warning};
@@ -87,6 +87,12 @@ pub fn write_results(
         let jpeg = as_jpeg(&file, &draw_contact_sheet(loaded, report))?;
         write_whole(&file, &jpeg)?;
         contact_sheet = Some(jpeg);
+    }
+    if !report.views.is_empty()
+        && let Some(residuals) = draw_residuals(loaded, report)
+    {
+        let file = folder.join("residuals.jpg");
+        write_whole(&file, &as_jpeg(&file, &residuals)?)?;
     }
     // What was fitted has bones and colors.
     let body = report.body.as_ref().map(|mesh| match &report.fit {

@@ -4,7 +4,7 @@
 //! is not drawn.
 
 use glam::DVec2;
-use pirouette_geom::Grid;
+use pirouette_geom::{Grid, Mask};
 
 use super::font;
 use crate::scan::Photo;
@@ -139,6 +139,66 @@ impl Crop {
         right: 1.0,
         bottom: 1.0,
     };
+
+    /// The part of pictures of any size where any of the boxes is, with a margin; the whole without boxes
+    pub(super) fn around(boxes: impl Iterator<Item = (PixelBox, (f64, f64))>) -> Self {
+        let mut union: Option<Crop> = None;
+        for ((x0, y0, x1, y1), (width, height)) in boxes {
+            let seen = Crop {
+                left: x0 as f64 / width,
+                top: y0 as f64 / height,
+                right: x1 as f64 / width,
+                bottom: y1 as f64 / height,
+            };
+            union = Some(union.map_or(seen, |u| Crop {
+                left: u.left.min(seen.left),
+                top: u.top.min(seen.top),
+                right: u.right.max(seen.right),
+                bottom: u.bottom.max(seen.bottom),
+            }));
+        }
+        let Some(u) = union else {
+            return Crop::WHOLE;
+        };
+        let (wide, high) = (u.right - u.left, u.bottom - u.top);
+        Crop {
+            left: (u.left - MARGIN * wide).max(0.0),
+            top: (u.top - MARGIN * high).max(0.0),
+            right: (u.right + MARGIN * wide).min(1.0),
+            bottom: (u.bottom + MARGIN * high).min(1.0),
+        }
+    }
+
+    /// Width of a tile of some height that keeps the proportions of this part of the first picture that is not empty
+    pub(super) fn tile_width<'a>(
+        self,
+        mut pictures: impl Iterator<Item = &'a Photo>,
+        height_px: usize,
+    ) -> usize {
+        let aspect = pictures
+            .find(|photo| photo.width() > 0 && photo.height() > 0)
+            .map_or(1.0, |photo| {
+                let wide = photo.width() as f64 * (self.right - self.left);
+                wide / (photo.height() as f64 * (self.bottom - self.top))
+            });
+        let aspect = aspect.clamp(1.0 / MAX_TILE_ASPECT.powi(2), MAX_TILE_ASPECT);
+        (height_px as f64 * aspect).round() as usize
+    }
+}
+
+/// Part of the person's extent that stays visible around it
+const MARGIN: f64 = 0.06;
+
+/// A tile is at most this much wider than high
+const MAX_TILE_ASPECT: f64 = 1.6;
+
+/// First column and row, and those after the last
+pub(super) type PixelBox = (usize, usize, usize, usize);
+
+/// The box of a mask with the mask's own size
+pub(super) fn sized_box(mask: &Mask) -> Option<(PixelBox, (f64, f64))> {
+    let size = (mask.width() as f64, mask.height() as f64);
+    Some((mask.bounding_box()?, size))
 }
 
 /// Resamples a part of a picture by a box filter: each new pixel is the mean of what it covers

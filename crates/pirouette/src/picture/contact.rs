@@ -2,7 +2,7 @@
 
 use pirouette_geom::{Grid, Mask};
 
-use super::canvas::{self, Color, Crop, mix, paste, shrink, tint_box};
+use super::canvas::{self, Color, Crop, mix, paste, shrink, sized_box, tint_box};
 use super::font;
 use crate::scan::Photo;
 use crate::units::TurnAngle;
@@ -29,17 +29,11 @@ pub struct ContactView<'a> {
 /// Heights of the rows of a sheet, in px
 const TILE_HEIGHT_PX: usize = 300;
 
-/// A tile is at most this much wider than high
-const MAX_TILE_ASPECT: f64 = 1.6;
-
 /// Views in one band; more views start another band below
 const VIEWS_PER_BAND: usize = 12;
 
 /// Space between tiles, in px
 const GAP_PX: usize = 6;
-
-/// Part of the person's extent that stays visible around it
-const MARGIN: f64 = 0.06;
 
 /// Pixels per dot of the labels
 const TEXT_SCALE: usize = 2;
@@ -158,9 +152,13 @@ fn compare(normalized: Option<&Mask>, reference: Option<&Grid<f32>>) -> Option<P
     }))
 }
 
+/// Width that keeps the proportions of the first photo's part
+fn tile_width(views: &[ContactView], crop: Crop) -> usize {
+    crop.tile_width(views.iter().map(|view| view.photo), TILE_HEIGHT_PX)
+}
+
 /// The part of the pictures where any silhouette is, with a margin
 fn common_crop(views: &[ContactView]) -> Crop {
-    let mut union: Option<Crop> = None;
     let boxes = views.iter().flat_map(|view| {
         let reference = view.reference.map(|coverage| coverage.threshold(0.5));
         [
@@ -169,52 +167,7 @@ fn common_crop(views: &[ContactView]) -> Crop {
             reference.as_ref().and_then(sized_box),
         ]
     });
-    for ((x0, y0, x1, y1), (width, height)) in boxes.flatten() {
-        let seen = Crop {
-            left: x0 as f64 / width,
-            top: y0 as f64 / height,
-            right: x1 as f64 / width,
-            bottom: y1 as f64 / height,
-        };
-        union = Some(union.map_or(seen, |u| Crop {
-            left: u.left.min(seen.left),
-            top: u.top.min(seen.top),
-            right: u.right.max(seen.right),
-            bottom: u.bottom.max(seen.bottom),
-        }));
-    }
-    let Some(u) = union else {
-        return Crop::WHOLE;
-    };
-    let (wide, high) = (u.right - u.left, u.bottom - u.top);
-    Crop {
-        left: (u.left - MARGIN * wide).max(0.0),
-        top: (u.top - MARGIN * high).max(0.0),
-        right: (u.right + MARGIN * wide).min(1.0),
-        bottom: (u.bottom + MARGIN * high).min(1.0),
-    }
-}
-
-type PixelBox = (usize, usize, usize, usize);
-
-/// The box of a mask with the mask's own size
-fn sized_box(mask: &Mask) -> Option<(PixelBox, (f64, f64))> {
-    let size = (mask.width() as f64, mask.height() as f64);
-    Some((mask.bounding_box()?, size))
-}
-
-/// Width that keeps the proportions of the first photo's part
-fn tile_width(views: &[ContactView], crop: Crop) -> usize {
-    let aspect = views
-        .iter()
-        .map(|view| view.photo)
-        .find(|photo| photo.width() > 0 && photo.height() > 0)
-        .map_or(1.0, |photo| {
-            let wide = photo.width() as f64 * (crop.right - crop.left);
-            wide / (photo.height() as f64 * (crop.bottom - crop.top))
-        });
-    let aspect = aspect.clamp(1.0 / MAX_TILE_ASPECT.powi(2), MAX_TILE_ASPECT);
-    (TILE_HEIGHT_PX as f64 * aspect).round() as usize
+    Crop::around(boxes.flatten())
 }
 
 const LEGEND: [(&str, Color); 3] = [

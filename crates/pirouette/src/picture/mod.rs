@@ -1,15 +1,17 @@
 //! Pictures that show at a glance what went wrong where.
 //!
-//! [`overlay()`] draws what was found over one photo, [`contact_sheet`] puts all views side by side. Both are plain
-//! functions from data to pictures; files are written elsewhere.
+//! [`overlay()`] draws what was found over one photo, [`contact_sheet`] puts all views side by side, and [`residual_sheet`]
+//! shows where the fitted body and the photos disagree. All are plain functions from data to pictures; files are written elsewhere.
 
 mod canvas;
 mod contact;
 mod font;
 mod overlay;
+mod residuals;
 
 pub use contact::{ContactView, contact_sheet};
 pub use overlay::{OverlayInput, SURE_CONFIDENCE, overlay};
+pub use residuals::{ResidualView, SeenBody, count_color, residual_sheet};
 
 use crate::skeleton::Joint;
 use canvas::Color;
