@@ -15,6 +15,7 @@ use crate::avatar::gltf::LoadAvatarError;
 use crate::avatar::mannequin::{MannequinError, Sex};
 use crate::bundle::BundleError;
 use crate::carve::CarveError;
+use crate::fit::Fit;
 use crate::scan::Scan;
 use job::Job;
 
@@ -177,7 +178,7 @@ pub fn run(
     if let Some(bundle) = &bundle
         && config.goal >= Goal::Normalize
     {
-        let fit = match config.method {
+        let mut fit = match config.method {
             Method::Fit => {
                 let (fit, figure) = job.fit(bundle, &views)?;
                 start = figure;
@@ -190,7 +191,12 @@ pub fn run(
         {
             colors = job.color(bundle, fit, &views)?;
         }
+        let fitted: Vec<usize> = views.iter().map(|view| view.index).collect();
         views = job.normalize(&avatar, bundle, fit.as_ref(), views)?;
+        if let Some(fit) = &mut fit {
+            let left: Vec<usize> = views.iter().map(|view| view.index).collect();
+            keep_views(fit, &fitted, &left);
+        }
         if config.goal >= Goal::Reconstruct {
             if fit.is_none() || config.hull {
                 hull = Some(job.carve(bundle, fit.as_ref(), &views)?);
@@ -229,4 +235,39 @@ pub fn run(
         warnings,
         seconds,
     })
+}
+
+/// Leaves out what a fit holds about views that were dropped since; `fitted` and `left` are places in the scan
+fn keep_views(fit: &mut Fit, fitted: &[usize], left: &[usize]) {
+    let mut keep = fitted.iter().map(|index| left.contains(index));
+    let mut keep_too = keep.clone();
+    fit.poses.retain(|_| keep.next().unwrap_or(false));
+    fit.silhouette_ious
+        .retain(|_| keep_too.next().unwrap_or(false));
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::avatar::mannequin::{MannequinParameters, mannequin};
+    use crate::pose::Pose;
+
+    #[test]
+    fn poses_stay_beside_the_views_that_are_left() {
+        let pose = |x: f64| Pose {
+            shift_mm: DVec3::X * x,
+            ..Pose::default()
+        };
+        let mut fit = Fit {
+            avatar: mannequin(&MannequinParameters::default()).unwrap(),
+            poses: vec![pose(0.0), pose(2.0), pose(3.0), pose(5.0)],
+            silhouette_ious: vec![0.0, 0.2, 0.3, 0.5],
+            residual_px: 1.0,
+        };
+        keep_views(&mut fit, &[0, 2, 3, 5], &[0, 3, 5]);
+        assert_eq!(fit.poses, [pose(0.0), pose(3.0), pose(5.0)]);
+        assert_eq!(fit.silhouette_ious, [0.0, 0.3, 0.5]);
+    }
 }
