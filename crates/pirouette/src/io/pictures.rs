@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use crate::avatar::render;
 use crate::bundle::Bundle;
 use crate::camera::Camera;
+use crate::color::SurfaceColors;
 use crate::fit::Fit;
 use crate::io::scan_folder::LoadedScan;
 use crate::normalize::shared_skeleton_joints;
@@ -41,26 +42,40 @@ pub(super) fn draw_overlay(view: &View, bundle: Option<&Bundle>, found: &ViewRep
     })
 }
 
-/// Draws all views side by side: photo, mask, normalized over reference, body at that angle
+/// Draws all views side by side: photo, mask, normalized over reference, body
+///
+/// A fitted body has the colors of the photos and the pose of the view, a carved one stands in the reference pose.
 pub(super) fn draw_contact_sheet(loaded: &LoadedScan, report: &Report) -> Photo {
+    let colors = report.colors.as_ref().map(SurfaceColors::to_linear);
     let drawn: Vec<_> = report
         .views
         .par_iter()
-        .map(|found| {
+        .enumerate()
+        .map(|(place, found)| {
             let bundle = report.bundle.as_ref();
             let seen = bundle.map(|b| (b.cameras[found.index], b.turns[found.index]));
             let reference = bundle.zip(seen).map(|(bundle, (camera, turn))| {
                 let turned = turned(&bundle.avatar.mesh.positions, turn);
                 render::silhouette(&turned, &bundle.avatar.mesh.triangles, &camera)
             });
-            let body = report
-                .body
-                .as_ref()
-                .zip(seen)
-                .map(|(body, (camera, turn))| {
+            let camera = seen.map(|(camera, turn)| (small(&camera, BODY_SCALE), turn));
+            // A fitted body can stand as in the photo, to be held against it.
+            let body = match (&report.fit, &report.body, camera) {
+                (Some(fit), Some(_), Some((camera, turn))) => fit.poses.get(place).map(|pose| {
+                    let positions = posed(fit, pose, turn);
+                    render::shade(
+                        &positions,
+                        &fit.avatar.mesh.triangles,
+                        colors.as_deref(),
+                        &camera,
+                    )
+                }),
+                (None, Some(body), Some((camera, turn))) => {
                     let turned = turned(&body.positions, turn);
-                    render::shade(&turned, &body.triangles, None, &small(&camera, BODY_SCALE))
-                });
+                    Some(render::shade(&turned, &body.triangles, None, &camera))
+                }
+                _ => None,
+            };
             (reference, body)
         })
         .collect();

@@ -22,7 +22,7 @@ pub struct ContactView<'a> {
     pub normalized: Option<&'a Mask>,
     /// Coverage of the reference at that angle
     pub reference: Option<&'a Grid<f32>>,
-    /// The reconstructed body at that angle
+    /// The reconstructed body as seen in this view
     pub body: Option<&'a Photo>,
 }
 
