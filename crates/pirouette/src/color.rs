@@ -203,7 +203,9 @@ fn look(
         positions: posed.skin(&avatar.mesh.positions, &avatar.weights),
         triangles: avatar.mesh.triangles.clone(),
     };
-    let outline = options.outline.scaled(unit_px, MAX_REACH_PX);
+    let mut outline = options.outline.scaled(unit_px, MAX_REACH_PX);
+    outline.none_px = outline.none_px.max(MIXED_PX);
+    outline.full_px = outline.full_px.max(2.0 * MIXED_PX);
     let overlap = options.overlap.scaled(unit_px, MAX_REACH_PX);
     let scene = Scene {
         view,
@@ -233,6 +235,9 @@ fn look(
     }
     lent
 }
+
+/// Pixels this near to the outline, in px, show some background whatever the size of the photo
+const MIXED_PX: f64 = 1.5;
 
 /// Borders are searched no farther than this, in px, however large the photo
 const MAX_REACH_PX: f64 = 24.0;
@@ -292,7 +297,7 @@ impl Scene<'_> {
         }
         let disc_px = (DISC_SHARE * spacing_mm * px_per_mm).clamp(0.5, MAX_DISC_PX);
         Some(Lent {
-            color: self.mean_color(at, disc_px.min(overlap_px))?,
+            color: self.mean_color(at, disc_px.min(overlap_px).min(outline_px - MIXED_PX))?,
             weight: weight as f32,
             seen: true,
         })

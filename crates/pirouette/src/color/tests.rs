@@ -116,8 +116,8 @@ fn a_few_wrong_pixels_at_the_border_do_no_harm() {
 
 #[test]
 fn a_photo_that_shows_something_else_is_outvoted() {
-    let mut person = TwoColored::new(&[0.0, 20.0, 40.0]);
-    person.views[1].0 = Photo::filled(400, 500, GREEN);
+    let mut person = TwoColored::new(&[-20.0, -10.0, 0.0, 10.0, 20.0]);
+    person.views[2].0 = Photo::filled(400, 500, GREEN);
     let colors = person.color();
     let chest = person.avatar.mesh.positions.iter().zip(&colors.srgb);
     let chest =
