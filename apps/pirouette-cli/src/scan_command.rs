@@ -99,7 +99,11 @@ pub fn scan_folder(
             failed.view, failed.reason
         ));
     }
-    let report = pipeline::run(&loaded.scan, config, cancel, &mut |event| {
+    let config = Config {
+        given_view_count: Some(loaded.scan.views.len() + loaded.failed.len()),
+        ..config.clone()
+    };
+    let report = pipeline::run(&loaded.scan, &config, cancel, &mut |event| {
         progress.show(&event);
     })
     .with_context(|| scan.display().to_string())?;

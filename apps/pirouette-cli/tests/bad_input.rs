@@ -5,6 +5,8 @@
 mod common;
 
 use common::Folders;
+use pirouette::geom::Mask;
+use pirouette::io::photo::encode_mask;
 
 /// Spoils one of four views, scans, and hands back why that view was left out
 #[track_caller]
@@ -115,15 +117,43 @@ fn an_unknown_key_in_the_manifest_is_named() {
 }
 
 #[test]
-fn two_views_are_too_few_for_a_body() {
+fn two_views_do_for_a_body_fit_and_are_too_few_to_carve() {
     let folders = Folders::with_views(2);
-    let run = folders.run("scan", &[]).exits_with(1);
+    let run = folders
+        .run("scan", &["--method", "three-step"])
+        .exits_with(1);
     let error = run.stderr();
     assert!(
         error.contains("2 usable views") && error.contains("at least 3"),
         "{error}"
     );
     assert!(!folders.out().exists());
+    folders.run("scan", &[]).exits_with(0);
+    assert!(folders.out().join("body.ply").exists());
+    let one = Folders::with_views(1);
+    let error = one.run("scan", &[]).exits_with(1).stderr();
+    assert!(error.contains("at least 2"), "{error}");
+}
+
+#[test]
+fn a_view_that_contradicts_the_others_is_left_out() {
+    let folders = Folders::with_views(5);
+    // The silhouette of a box instead of the person
+    let mask = Mask::from_fn(200, 250, |x, y| {
+        (60..140).contains(&x) && (30..220).contains(&y)
+    });
+    folders.write("scan/002_mask.png", encode_mask(&mask).unwrap());
+    let manifest = std::fs::read_to_string(folders.path("scan/scan.json")).unwrap();
+    let mut manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
+    manifest["views"][2]["mask"] = "002_mask.png".into();
+    folders.write("scan/scan.json", manifest.to_string());
+    let run = folders.run("scan", &[]).exits_with(0);
+    let told = run.stderr();
+    assert!(told.contains("view 002 is left out (fit)"), "{told}");
+    assert!(
+        told.contains("no pose of the body covers its silhouette"),
+        "{told}"
+    );
 }
 
 #[test]

@@ -4,6 +4,7 @@ use glam::DVec3;
 use pirouette_geom::Grid;
 use rayon::prelude::*;
 
+use crate::avatar::Avatar;
 use crate::avatar::render;
 use crate::bundle::Bundle;
 use crate::camera::Camera;
@@ -15,7 +16,7 @@ use crate::picture::{
     ContactView, OverlayInput, ResidualView, SeenBody, contact_sheet, count_color, overlay,
     residual_sheet,
 };
-use crate::pipeline::{Report, ViewReport};
+use crate::pipeline::{Method, Report, ViewReport};
 use crate::pose::{Pose, pose_bones};
 use crate::scan::{Photo, View};
 use crate::units::TurnAngle;
@@ -27,11 +28,11 @@ const BODY_SCALE: f64 = 0.4;
 const SEEN_SCALE: f64 = 0.6;
 
 /// Draws what was known and found over the photo of one view
-pub(super) fn draw_overlay(view: &View, bundle: Option<&Bundle>, found: &ViewReport) -> Photo {
-    let target = bundle.map(|bundle| {
+pub(super) fn draw_overlay(view: &View, report: &Report, found: &ViewReport) -> Photo {
+    let target = report.bundle.as_ref().map(|bundle| {
         let (pose, turn) = (&bundle.poses[found.index], bundle.turns[found.index]);
         let camera = &bundle.cameras[found.index];
-        shared_skeleton_joints(&bundle.avatar, pose, turn, camera).reference
+        shared_skeleton_joints(reference(report, bundle), pose, turn, camera).reference
     });
     overlay(&OverlayInput {
         photo: &view.photo,
@@ -40,6 +41,15 @@ pub(super) fn draw_overlay(view: &View, bundle: Option<&Bundle>, found: &ViewRep
         detected: &view.keypoints,
         target: target.as_ref(),
     })
+}
+
+/// The figure in the reference pose to which the silhouettes were normalized, or could be
+fn reference<'a>(report: &'a Report, bundle: &'a Bundle) -> &'a Avatar {
+    match (&report.fit, report.method) {
+        (Some(fit), _) => &fit.avatar,
+        (None, Method::Fit) => &bundle.avatar,
+        (None, Method::ThreeStep) => &report.avatar,
+    }
 }
 
 /// Draws all views side by side: photo, mask, normalized over reference, body
@@ -55,8 +65,8 @@ pub(super) fn draw_contact_sheet(loaded: &LoadedScan, report: &Report) -> Photo 
             let bundle = report.bundle.as_ref();
             let seen = bundle.map(|b| (b.cameras[found.index], b.turns[found.index]));
             let reference = bundle.zip(seen).map(|(bundle, (camera, turn))| {
-                let turned = turned(&bundle.avatar.mesh.positions, turn);
-                render::silhouette(&turned, &bundle.avatar.mesh.triangles, &camera)
+                let mesh = &reference(report, bundle).mesh;
+                render::silhouette(&turned(&mesh.positions, turn), &mesh.triangles, &camera)
             });
             let camera = seen.map(|(camera, turn)| (small(&camera, BODY_SCALE), turn));
             // A fitted body can stand as in the photo, to be held against it.

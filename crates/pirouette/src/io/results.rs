@@ -142,7 +142,7 @@ fn write_view(
         let mask = in_input_size(view, &normalized.mask, &normalized.soft);
         write_mask(&folder.join("normalized.png"), &mask)?;
     }
-    let overlay = draw_overlay(view, report.bundle.as_ref(), found);
+    let overlay = draw_overlay(view, report, found);
     let file = folder.join("overlay.jpg");
     write_whole(&file, &as_jpeg(&file, &overlay)?)?;
     let value = view_value(view, report, found);

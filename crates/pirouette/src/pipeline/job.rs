@@ -115,7 +115,13 @@ impl<'a> Job<'a> {
     }
 
     pub(super) fn check_left(&self, left: usize) -> Result<(), PipelineError> {
-        let needed = self.config.goal.min_view_count();
+        let usual = self.config.goal.min_view_count();
+        let given = self.config.given_view_count;
+        let given = given.unwrap_or(self.scan.views.len());
+        let needed = match self.config.method {
+            Method::Fit => usual.min(given.max(MIN_FIT_VIEWS)),
+            Method::ThreeStep => usual,
+        };
         if left < needed {
             return Err(PipelineError::TooFewViews { left, needed });
         }
@@ -276,7 +282,31 @@ impl<'a> Job<'a> {
     }
 
     /// One body in the poses of all views
+    ///
+    /// Views that contradict the others are dropped, and the body is fitted again.
     pub(super) fn fit(
+        &mut self,
+        bundle: &Bundle,
+        views: &mut Vec<ViewReport>,
+    ) -> Result<(Fit, Option<StartFigure>), PipelineError> {
+        let mut found = self.fit_all(bundle, views)?;
+        let bad = contradicting(&found.0.silhouette_ious);
+        if !bad.is_empty() {
+            for &(place, ref reason) in &bad {
+                self.drop_view(views[place].index, Stage::Fit, reason.clone());
+            }
+            let mut place = 0;
+            views.retain(|_| {
+                place += 1;
+                !bad.iter().any(|(bad, _)| bad + 1 == place)
+            });
+            self.check_left(views.len())?;
+            found = self.fit_all(bundle, views)?;
+        }
+        Ok(found)
+    }
+
+    fn fit_all(
         &mut self,
         bundle: &Bundle,
         views: &[ViewReport],
@@ -432,6 +462,35 @@ impl<'a> Job<'a> {
                 stature_mm: scan.stature_mm,
             })
         })
+    }
+}
+
+/// Views that a body fit needs at least
+const MIN_FIT_VIEWS: usize = 2;
+
+/// A view contradicts the others when its overlap is this much below the median
+///
+/// Rendered people and a clothed man stay within 0.02 of it; a photo of another pose or person falls by 0.1 and more.
+const CONTRADICTION: f64 = 0.07;
+
+/// Views that contradict the others, if those are a clear majority
+fn contradicting(ious: &[f64]) -> Vec<(usize, DropReason)> {
+    let mut sorted = ious.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let Some(&usual) = sorted.get(sorted.len() / 2) else {
+        return Vec::new();
+    };
+    let bad: Vec<(usize, DropReason)> = ious
+        .iter()
+        .enumerate()
+        .filter(|(_, iou)| **iou < usual - CONTRADICTION)
+        .map(|(place, &iou)| (place, DropReason::Contradicts { iou, usual }))
+        .collect();
+    // Of few views nobody knows which one is wrong.
+    if 4 * bad.len() <= ious.len() {
+        bad
+    } else {
+        Vec::new()
     }
 }
 

@@ -51,7 +51,8 @@ pub enum Goal {
 impl Goal {
     /// Views without which there is no result
     ///
-    /// Two views cannot bound a body; a silhouette stands for itself.
+    /// A silhouette stands for itself; when of many views two are left, something is wrong. Two views that were all that was
+    /// given do for a body fit.
     pub fn min_view_count(self) -> usize {
         match self {
             Goal::Segment | Goal::Normalize => 1,
@@ -92,6 +93,8 @@ pub struct Config {
     pub register: bool,
     /// Whether arms and legs are refined against the reference (eq. 5 to 7)
     pub refine: bool,
+    /// Views that were given, where some of them could not even be loaded; else all of the scan
+    pub given_view_count: Option<usize>,
     /// Whether the visual hull is carved, too, where another body is the result
     pub hull: bool,
 }
@@ -109,6 +112,7 @@ impl Config {
             },
             register: published,
             refine: published,
+            given_view_count: None,
             hull: false,
         }
     }
@@ -180,7 +184,7 @@ pub fn run(
     {
         let mut fit = match config.method {
             Method::Fit => {
-                let (fit, figure) = job.fit(bundle, &views)?;
+                let (fit, figure) = job.fit(bundle, &mut views)?;
                 start = figure;
                 Some(fit)
             }

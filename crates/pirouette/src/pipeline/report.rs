@@ -76,4 +76,15 @@ pub enum DropReason {
     /// No silhouette in the reference pose
     #[error("{0}")]
     Normalize(NormalizeError),
+    /// The body that explains the other views does not explain it
+    #[error(
+        "no pose of the body covers its silhouette: they overlap by {iou:.2}, those of the other views by {usual:.2}; \
+         check its photo, angle and mask"
+    )]
+    Contradicts {
+        /// Intersection over union of the posed body with the silhouette
+        iou: f64,
+        /// Median of all views
+        usual: f64,
+    },
 }
