@@ -12,6 +12,7 @@ pub mod coverage;
 pub mod distance_map;
 pub mod isosurface;
 pub mod morphology;
+pub mod nearest;
 pub mod planar_mesh;
 pub mod raster;
 pub mod section;
