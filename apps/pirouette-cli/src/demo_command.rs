@@ -91,8 +91,10 @@ fn photograph(args: &DemoArgs, person: &Avatar) -> SyntheticScan {
             camera: SyntheticOptions::camera_for(person.stature_mm(), width, height),
             sway: 1.0,
             keypoint_noise_px: KEYPOINT_NOISE_PX,
+            turn_noise_radians: 0.0,
             sensor_noise: SENSOR_NOISE,
             clutter: Clutter::LivedIn,
+            photos: true,
         },
     )
 }

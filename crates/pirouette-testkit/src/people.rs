@@ -32,8 +32,10 @@ pub fn turning_woman(view_count: usize) -> SyntheticScan {
             camera: SyntheticOptions::camera_for(stature_mm, width_px, height_px),
             sway: 1.0,
             keypoint_noise_px: 2.0,
+            turn_noise_radians: 0.0,
             sensor_noise: 2.0,
             clutter: Clutter::Plain,
+            photos: true,
         },
     )
 }

@@ -12,7 +12,7 @@ use crate::avatar::{Avatar, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, CarveView, carve, carve_beside_avatar};
 use crate::color::{ColorOptions, ColorView, SurfaceColors, color_surface};
-use crate::fit::{Fit, FitOptions, OutlineTargets, fit_body};
+use crate::fit::{Fit, OutlineTargets, fit_body};
 use crate::measure::{MeasureInput, Measurements, measure};
 use crate::normalize::{
     NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
@@ -248,8 +248,8 @@ impl<'a> Job<'a> {
         let (scan, cancel) = (self.scan, self.cancel);
         let options = SegmentOptions {
             // Photos of different cameras share neither colors nor background.
-            single: !self.one_shape(),
-            ..SegmentOptions::default()
+            single: self.config.segment.single || !self.one_shape(),
+            ..self.config.segment
         };
         let silhouettes: Vec<Result<Silhouette, SegmentError>> =
             self.stage(Stage::Segment, 1, |_| {
@@ -311,10 +311,10 @@ impl<'a> Job<'a> {
         bundle: &Bundle,
         views: &[ViewReport],
     ) -> Result<(Fit, Option<StartFigure>), PipelineError> {
-        let (scan, cancel) = (self.scan, self.cancel);
+        let (scan, config, cancel) = (self.scan, self.config, self.cancel);
         // A mannequin about which nothing was said is a first guess only.
         let free = matches!(
-            self.config.avatar,
+            config.avatar,
             AvatarSource::Mannequin {
                 sex: Sex::Neutral,
                 mass_kg: None
@@ -336,7 +336,7 @@ impl<'a> Job<'a> {
                 posture,
                 &start::fit_views(bundle, views, poses, stature_mm),
                 Some(stature_mm),
-                &FitOptions::default(),
+                &config.fit,
                 &cancelled,
             );
             (fit, start.map(|start| start.figure))

@@ -15,8 +15,9 @@ use crate::avatar::gltf::LoadAvatarError;
 use crate::avatar::mannequin::{MannequinError, Sex};
 use crate::bundle::BundleError;
 use crate::carve::CarveError;
-use crate::fit::Fit;
+use crate::fit::{Fit, FitOptions};
 use crate::scan::Scan;
+use crate::segment::SegmentOptions;
 use job::Job;
 
 pub use event::{CancelToken, Event, Stage};
@@ -97,6 +98,10 @@ pub struct Config {
     pub given_view_count: Option<usize>,
     /// Whether the visual hull is carved, too, where another body is the result
     pub hull: bool,
+    /// How photos are segmented; photos of several cameras are always taken singly
+    pub segment: SegmentOptions,
+    /// How the body is fitted
+    pub fit: FitOptions,
 }
 
 impl Config {
@@ -114,6 +119,8 @@ impl Config {
             refine: published,
             given_view_count: None,
             hull: false,
+            segment: SegmentOptions::default(),
+            fit: FitOptions::default(),
         }
     }
 }

@@ -172,7 +172,9 @@ pub fn segment(
         .map(|view| Prepared::new(view, options, &fit))
         .collect();
     let usable = prepared.iter().filter(|p| p.is_ok()).count();
-    let cuts = if options.single || usable < 2 {
+    let cuts = if prepared.iter().flatten().all(|p| p.given) {
+        given_masks(views)
+    } else if options.single || usable < 2 {
         cut_singly(views, &prepared, options, cancelled)
     } else {
         cut_together(views, &prepared, options, cancelled)
@@ -194,6 +196,16 @@ pub fn segment(
             })
         })
         .collect()
+}
+
+/// Results where nothing is left to find out
+fn given_masks(views: &[SegmentView]) -> Vec<Cut> {
+    let given = |view: &SegmentView| {
+        let mask = view.mask?;
+        let soft = mask.map(|&v| if v { 1.0 } else { 0.0 });
+        Some(Ok((mask.clone(), soft)))
+    };
+    views.iter().map(given).collect()
 }
 
 type Cut = Option<Result<(Mask, Grid<f32>), SegmentError>>;

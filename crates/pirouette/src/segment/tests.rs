@@ -139,6 +139,20 @@ fn a_given_mask_is_the_result() {
 }
 
 #[test]
+fn where_all_masks_are_given_photos_are_not_looked_at() {
+    let truth = truth(60.0);
+    let (blank, keypoints) = (Grid::filled(WIDTH, HEIGHT, [0; 3]), Keypoints::default());
+    let given = SegmentView {
+        mask: Some(&truth),
+        ..view(&blank, &keypoints)
+    };
+    let results = segment_all(&[given, given]);
+    for result in &results {
+        assert_eq!(result.as_ref().unwrap().mask, truth);
+    }
+}
+
+#[test]
 fn every_bad_view_has_its_own_error_and_the_others_go_on() {
     let truth = truth(60.0);
     let (good, figure) = (photo(&truth), keypoints(60.0));

@@ -12,7 +12,7 @@ mod room;
 pub use random::Random;
 pub use room::Clutter;
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use pirouette_geom::{Grid, Mask, TriMesh};
 use rayon::prelude::*;
 
@@ -36,10 +36,14 @@ pub struct SyntheticOptions {
     pub sway: f64,
     /// Standard deviation of visible keypoints, in px at a stature of 800 px; hidden ones have three times as much
     pub keypoint_noise_px: f64,
+    /// Standard deviation of the true turn from the one that the scan tells, in radians
+    pub turn_noise_radians: f64,
     /// Standard deviation of the sensor noise, in gray levels
     pub sensor_noise: f64,
     /// What stands around
     pub clutter: Clutter,
+    /// Whether photos are painted; else they are blank, and the exact silhouettes are given as masks
+    pub photos: bool,
 }
 
 impl SyntheticOptions {
@@ -83,7 +87,7 @@ pub struct Truth {
     pub body: TriMesh,
     /// The camera
     pub camera: Camera,
-    /// The pose in each view
+    /// The pose in each view, after the turn that the scan tells
     pub poses: Vec<Pose>,
     /// The silhouette as photographed, of each view
     pub silhouettes: Vec<Mask>,
@@ -94,21 +98,30 @@ pub struct Truth {
 /// Photographs an avatar that turns and sways
 pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan {
     let camera = options.camera;
-    let look = person::Look::new(avatar, options.seed);
-    let background = room::Room::new(options.seed, options.clutter).render(&camera);
+    let painted = options.photos.then(|| {
+        let look = person::Look::new(avatar, options.seed);
+        let background = room::Room::new(options.seed, options.clutter).render(&camera);
+        (look, background)
+    });
     let views: Vec<_> = options
         .turns
         .par_iter()
         .enumerate()
         .map(|(index, &turn)| {
-            let mut random =
-                Random::new(options.seed ^ (index as u64 + 1).wrapping_mul(0x5851_f42d_4c95_7f2d));
-            let pose = sway(avatar, turn, options.sway, &mut random);
+            let seed = options.seed ^ (index as u64 + 1).wrapping_mul(0x5851_f42d_4c95_7f2d);
+            let mut random = Random::new(seed);
+            let turned_more = options.turn_noise_radians * Random::new(!seed).normal();
+            let pose = sway(avatar, turn, turned_more, options.sway, &mut random);
             let posed = pose_bones(&avatar.bone_heads, &pose, turn);
             let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
             let coverage = render::silhouette(&positions, &avatar.mesh.triangles, &camera);
-            let light = look.paint(&background, &positions, &camera);
-            let photo = expose(&light, options.sensor_noise, &mut random);
+            let photo = match &painted {
+                Some((look, background)) => {
+                    let light = look.paint(background, &positions, &camera);
+                    expose(&light, options.sensor_noise, &mut random)
+                }
+                None => Photo::filled(camera.width_px, camera.height_px, [0; 3]),
+            };
             let keypoints = detect(
                 avatar,
                 &posed,
@@ -122,15 +135,16 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
             };
             let canonical =
                 render::silhouette(&still, &avatar.mesh.triangles, &camera).threshold(0.5);
+            let silhouette = coverage.threshold(0.5);
             let view = View {
                 name: format!("{index:03}"),
                 input_size_px: (camera.width_px, camera.height_px),
                 photo,
                 turn,
                 keypoints,
-                mask: None,
+                mask: painted.is_none().then(|| silhouette.clone()),
             };
-            (view, pose, coverage.threshold(0.5), canonical)
+            (view, pose, silhouette, canonical)
         })
         .collect();
     let mut truth = Truth {
@@ -163,14 +177,22 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
 /// Part of the prior deviation that people who try to stand still use up in each parameter
 const SWAY_SHARE: f64 = 0.6;
 
-/// A random pose near the reference pose, with the soles on the floor
-fn sway(avatar: &Avatar, turn: TurnAngle, scale: f64, random: &mut Random) -> Pose {
+/// A random pose near the reference pose, turned farther by some radians, with the soles on the floor
+fn sway(
+    avatar: &Avatar,
+    turn: TurnAngle,
+    turned_more: f64,
+    scale: f64,
+    random: &mut Random,
+) -> Pose {
     let sigmas = Pose::prior_sigmas();
     let parameters = std::array::from_fn(|i| {
         // beyond two deviations nobody calls it standing still
         random.normal().clamp(-2.0, 2.0) * sigmas[i] * scale * SWAY_SHARE
     });
     let mut pose = Pose::from_parameters(&parameters);
+    let root = &mut pose.rotations[Bone::Root as usize];
+    *root = (DQuat::from_scaled_axis(*root) * DQuat::from_rotation_y(turned_more)).to_scaled_axis();
     let posed = pose_bones(&avatar.bone_heads, &pose, turn);
     let lowest = posed
         .skin(&avatar.mesh.positions, &avatar.weights)
@@ -281,8 +303,10 @@ mod tests {
             camera: SyntheticOptions::camera_for(avatar.stature_mm(), 120, 150),
             sway,
             keypoint_noise_px: 0.0,
+            turn_noise_radians: 0.0,
             sensor_noise: 0.0,
             clutter: Clutter::LivedIn,
+            photos: true,
         };
         let scan = synthesize(&avatar, &options);
         (avatar, scan)
@@ -300,6 +324,34 @@ mod tests {
             .camera
             .project(avatar.keypoints[Joint::LeftWrist as usize]);
         assert!((wrist.position - expected).length() < 0.5);
+    }
+
+    #[test]
+    fn without_photos_the_exact_silhouettes_are_given() {
+        let avatar = mannequin(&MannequinParameters::default()).unwrap();
+        let options = SyntheticOptions {
+            seed: 5,
+            turns: SyntheticOptions::even_turns(3),
+            camera: SyntheticOptions::camera_for(avatar.stature_mm(), 120, 150),
+            sway: 0.0,
+            keypoint_noise_px: 0.0,
+            turn_noise_radians: 0.2,
+            sensor_noise: 0.0,
+            clutter: Clutter::Plain,
+            photos: false,
+        };
+        let synthetic = synthesize(&avatar, &options);
+        let views = synthetic.scan.views.iter();
+        for (view, silhouette) in views.zip(&synthetic.truth.silhouettes) {
+            assert_eq!(view.mask.as_ref(), Some(silhouette));
+        }
+        let turned: Vec<f64> = synthetic
+            .truth
+            .poses
+            .iter()
+            .map(|pose| pose.rotations[Bone::Root as usize].y)
+            .collect();
+        assert!(turned.iter().any(|angle| angle.abs() > 0.02), "{turned:?}");
     }
 
     #[test]
