@@ -4,6 +4,7 @@ mod arap_command;
 mod args;
 mod avatar_command;
 mod demo_command;
+mod eval_command;
 mod output;
 mod progress;
 mod scan_command;
@@ -50,6 +51,7 @@ fn run(cli: &Cli, output: Output) -> Result<()> {
         Command::Demo(args) => demo_command::run(args, output, cli.quiet, &cancel),
         Command::Avatar(args) => avatar_command::run(args, output),
         Command::Arap(args) => arap_command::run(args, output),
+        Command::Eval(args) => eval_command::run(args, output, cli.quiet, &cancel),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "pirouette", &mut script);

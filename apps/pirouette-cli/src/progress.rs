@@ -52,6 +52,16 @@ impl Progress {
         }
     }
 
+    /// Shows how many of all jobs of a study are done
+    pub fn step(&self, done: usize, total: usize, text: &str) {
+        if let Progress::Bar(bar) = self {
+            bar.set_prefix("study");
+            bar.set_length(total as u64);
+            bar.set_position(done as u64);
+        }
+        self.say(&format!("{done}/{total}: {text}"));
+    }
+
     /// Prints a line without tearing the bar apart
     pub fn say(&self, line: &str) {
         match self {

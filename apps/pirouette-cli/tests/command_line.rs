@@ -4,7 +4,7 @@ mod common;
 
 use common::{Folders, pirouette, text};
 
-const COMMANDS: [&str; 8] = [
+const COMMANDS: [&str; 9] = [
     "scan",
     "segment",
     "normalize",
@@ -12,6 +12,7 @@ const COMMANDS: [&str; 8] = [
     "measure",
     "avatar",
     "arap",
+    "eval",
     "completions",
 ];
 

@@ -1,0 +1,141 @@
+//! `pirouette eval`: studies on rendered people, and scores against truth.
+
+use anyhow::{Context, Result};
+use pirouette::io::mesh::MeshFormat;
+use pirouette::io::results::ResultOptions;
+use pirouette::pipeline::{CancelToken, Goal};
+use pirouette_eval::ablation::{self, AblationOptions};
+use pirouette_eval::bodies::{self, BodiesOptions};
+use pirouette_eval::folders::{
+    name_of, photo_table, scan_table, score_photos, score_scan, with_truth,
+};
+use pirouette_eval::{Step, StudyError};
+use serde_json::{Value, json};
+
+use crate::args::{
+    EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalPhotosArgs, EvalScansArgs, EvalTable,
+};
+use crate::output::Output;
+use crate::progress::Progress;
+use crate::scan_command::{config, scan_folder};
+
+/// Makes the table that was asked for
+pub fn run(args: &EvalArgs, output: Output, quiet: bool, cancel: &CancelToken) -> Result<()> {
+    let progress = Progress::new(quiet);
+    let made = match &args.table {
+        EvalTable::Bodies(args) => eval_bodies(args, &progress, cancel),
+        EvalTable::Ablation(args) => eval_ablation(args, &progress, cancel),
+        EvalTable::Scans(args) => eval_scans(args, &progress, cancel),
+        EvalTable::Photos(args) => eval_photos(args, &progress, cancel),
+    };
+    progress.finish();
+    let (text, value) = made?;
+    output.done(&text, || value)
+}
+
+fn eval_bodies(
+    args: &EvalBodiesArgs,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<(String, Value)> {
+    let usual = if args.quick {
+        BodiesOptions::quick()
+    } else {
+        BodiesOptions::default()
+    };
+    let views = |views: &Vec<u16>| views.iter().map(|&v| usize::from(v)).collect();
+    let options = BodiesOptions {
+        people: args.people.unwrap_or(usual.people),
+        photo_people: args.photo_people.unwrap_or(usual.photo_people),
+        views: args.views.as_ref().map_or(usual.views, views),
+        noise: args.noise.clone().unwrap_or(usual.noise),
+    };
+    let study = bodies::study(&options, cancel, &mut |step| show(progress, &step))?;
+    let text = format!("{}\n\n{}", study.errors, study.parts);
+    let value = json!({
+        "ok": true,
+        "table": "bodies",
+        "goal_mm": bodies::GOAL_MM,
+        "errors": study.errors.to_json(),
+        "parts": study.parts.to_json(),
+        "people": study.people,
+    });
+    Ok((text, value))
+}
+
+fn eval_ablation(
+    args: &EvalAblationArgs,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<(String, Value)> {
+    let options = AblationOptions {
+        people: args.people,
+        views: usize::from(args.views),
+    };
+    let study = ablation::study(&options, cancel, &mut |step| show(progress, &step))?;
+    let value = json!({
+        "ok": true,
+        "table": "ablation",
+        "errors": study.table.to_json(),
+        "people": study.people,
+    });
+    Ok((study.table.to_string(), value))
+}
+
+fn eval_scans(
+    args: &EvalScansArgs,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<(String, Value)> {
+    let config = config(&args.method, Goal::Measure)?;
+    let results = ResultOptions {
+        formats: &[MeshFormat::Ply],
+        page_title: None,
+    };
+    let folders = with_truth(&args.folders)?;
+    let mut scores = Vec::new();
+    for (index, folder) in folders.iter().enumerate() {
+        let out = args.out.join(name_of(folder));
+        if !args.keep {
+            scan_folder(folder, &out, &config, &results, progress, cancel)?;
+        } else if !out.is_dir() {
+            return Err(std::io::Error::from(std::io::ErrorKind::NotFound))
+                .with_context(|| format!("no results in {}", out.display()));
+        }
+        if cancel.cancelled() {
+            return Err(StudyError::Cancelled.into());
+        }
+        let score = score_scan(folder, &out)?;
+        let text = format!("{} is scored", folder.display());
+        progress.step(index + 1, folders.len(), &text);
+        scores.push(score);
+    }
+    let scans: Vec<Value> = scores.iter().map(|score| score.to_json()).collect();
+    let value = json!({ "ok": true, "table": "scans", "scans": scans });
+    Ok((scan_table(&scores).to_string(), value))
+}
+
+fn eval_photos(
+    args: &EvalPhotosArgs,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<(String, Value)> {
+    let folders = with_truth(&args.folders)?;
+    let scores = score_photos(&folders, cancel, &mut |step| show(progress, &step))?;
+    let table = photo_table(&scores);
+    let photos: Vec<Value> = scores
+        .iter()
+        .map(|score| json!({ "photo": score.photo, "iou": (score.iou * 1e4).round() / 1e4 }))
+        .collect();
+    let value = json!({
+        "ok": true,
+        "table": "photos",
+        "errors": table.to_json(),
+        "photos": photos,
+    });
+    Ok((table.to_string(), value))
+}
+
+fn show(progress: &Progress, step: &Step) {
+    progress.step(step.done, step.total, &step.text);
+}

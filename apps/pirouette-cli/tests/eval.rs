@@ -1,0 +1,67 @@
+//! Studies and scores as programs see them.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod common;
+
+use common::{Folders, person, pirouette, text};
+use pirouette::io::photo::encode_mask;
+
+/// A scan folder with the true silhouettes in it
+fn with_truth() -> Folders {
+    let folders = Folders::with_views(4);
+    let truth = folders.scan().join("truth");
+    std::fs::create_dir(&truth).unwrap();
+    let person = person();
+    for (view, mask) in person.scan.views.iter().zip(&person.truth.silhouettes) {
+        let png = encode_mask(mask).unwrap();
+        std::fs::write(truth.join(format!("{}_mask.png", view.name)), png).unwrap();
+    }
+    folders
+}
+
+#[test]
+fn a_scan_with_truth_is_scanned_and_scored_and_scored_again() {
+    let folders = with_truth();
+    let (scan, out) = (folders.scan(), folders.out());
+    let scan_and_score = ["eval", "scans", text(&scan), "-o", text(&out), "--json"];
+    let found = pirouette(&scan_and_score).exits_with(0).json_line();
+    let iou = found["scans"][0]["seg_iou"].as_f64().unwrap();
+    assert!(iou > 0.9, "{found}");
+    let mut again = scan_and_score.to_vec();
+    again.push("--keep");
+    assert_eq!(pirouette(&again).exits_with(0).json_line(), found);
+}
+
+#[test]
+fn results_that_are_not_there_cannot_be_scored() {
+    let folders = with_truth();
+    let (scan, out) = (folders.scan(), folders.out());
+    let args = ["eval", "scans", text(&scan), "-o", text(&out), "--keep"];
+    let run = pirouette(&args).exits_with(1);
+    assert!(run.stderr().contains("no results in"), "{}", run.stderr());
+}
+
+#[test]
+fn photos_with_truth_are_segmented_and_scored() {
+    let folders = with_truth();
+    let scan = folders.scan();
+    let run = pirouette(&["eval", "photos", text(&scan)]).exits_with(0);
+    assert!(run.stdout().contains("median"), "{}", run.stdout());
+}
+
+#[test]
+fn folders_without_truth_are_refused() {
+    let folders = Folders::with_views(3);
+    let run = pirouette(&["eval", "photos", text(&folders.scan())]).exits_with(1);
+    assert!(run.stderr().contains("no folder truth"), "{}", run.stderr());
+}
+
+#[test]
+fn a_study_without_people_has_no_table_and_eval_alone_is_wrong_usage() {
+    let args = ["eval", "bodies", "--people", "0", "--photo-people", "0"];
+    pirouette(&args).exits_with(1);
+    pirouette(&["eval"]).exits_with(2);
+    pirouette(&["eval", "bodies", "--views", "2"]).exits_with(2);
+    pirouette(&["eval", "bodies", "--noise", "-1"]).exits_with(2);
+}

@@ -1,0 +1,10 @@
+//! What the scores mean.
+//!
+//! - Overlap of masks: intersection over union; of normalized silhouettes after the best shift ([`masks`]).
+//! - Surface error: distances from points to triangles, from each body to the other, after a shift and a turn about the
+//!   vertical ([`surface`]).
+//! - Girths of a body at given heights ([`girth`]).
+
+pub mod girth;
+pub mod masks;
+pub mod surface;

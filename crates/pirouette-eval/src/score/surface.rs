@@ -1,0 +1,250 @@
+//! How far two bodies are apart.
+
+use glam::{DMat3, DVec3};
+use pirouette::geom::TriMesh;
+use pirouette::geom::nearest::NearestSurface;
+use pirouette::synthetic::Random;
+use rayon::prelude::*;
+
+use crate::table::{mean, percentile};
+
+/// Points on each body from which distances are taken
+const SAMPLE_COUNT: usize = 20_000;
+
+/// Of these, the alignment moves every so many-th
+const ALIGN_STEP: usize = 2;
+
+/// Rounds of the alignment
+const ROUNDS: usize = 30;
+
+/// Share of the points that the alignment follows; what is farthest apart is an error, not a shift
+const FOLLOWED: f64 = 0.85;
+
+/// A round that moves points by less ends the alignment, in mm
+const SETTLED_MM: f64 = 1e-3;
+
+/// How far two bodies are apart, after a shift and a turn about the vertical
+#[derive(Debug, Clone)]
+pub struct SurfaceError {
+    /// Mean distance from points of one to the other, mean of both ways, in mm
+    pub mean_mm: f64,
+    /// The larger of both ways' 95th percentiles, in mm
+    pub p95_mm: f64,
+    /// Points of the true body: the triangle that each lies on, and the distance to the other body, in mm
+    pub from_truth: Vec<(usize, f64)>,
+}
+
+/// Compares a body with the true one; `None` when one has no surface
+///
+/// Both are put on the floor first; then sampled points of the body follow their nearest sampled points of the truth, by
+/// shifts and by turns about the vertical. (Nearest points of the triangles would let the bodies slide along each other, so
+/// slowly that hundreds of rounds do not end it.)
+///
+/// # Source
+/// P. Besl, N. McKay 1992, "A method for registration of 3-D shapes", trimmed.
+pub fn surface_error(body: &TriMesh, truth: &TriMesh) -> Option<SurfaceError> {
+    let (body, truth) = (on_the_floor(body)?, on_the_floor(truth)?);
+    let (samples, true_samples) = (sample(&body, 1), sample(&truth, 2));
+    let still = NearestSurface::new(&truth);
+    let mut motion = Motion::default();
+    let followers: Vec<DVec3> = samples.iter().step_by(ALIGN_STEP).map(|s| s.1).collect();
+    let leaders = points_only(&true_samples);
+    for _ in 0..ROUNDS {
+        let step = align_step(&followers, &motion, &leaders)?;
+        motion = step.after(&motion);
+        let settled = step.shift.length() + step.angle.abs() * body.bounds()?.1.y;
+        if settled < SETTLED_MM {
+            break;
+        }
+    }
+    let to_truth: Vec<f64> = samples
+        .par_iter()
+        .filter_map(|(_, p)| Some(still.nearest(motion.carry(*p))?.distance))
+        .collect();
+    let moved = TriMesh {
+        positions: body.positions.iter().map(|p| motion.carry(*p)).collect(),
+        triangles: body.triangles.clone(),
+    };
+    let moved = NearestSurface::new(&moved);
+    let from_truth: Vec<(usize, f64)> = true_samples
+        .par_iter()
+        .filter_map(|(triangle, p)| Some((*triangle, moved.nearest(*p)?.distance)))
+        .collect();
+    let back: Vec<f64> = from_truth.iter().map(|(_, distance)| *distance).collect();
+    Some(SurfaceError {
+        mean_mm: (mean(&to_truth)? + mean(&back)?) / 2.0,
+        p95_mm: percentile(&to_truth, 0.95)?.max(percentile(&back, 0.95)?),
+        from_truth,
+    })
+}
+
+/// The mesh without unused vertices, lowest point at y = 0; `None` without an area
+fn on_the_floor(mesh: &TriMesh) -> Option<TriMesh> {
+    let used = || mesh.triangles.iter().flatten();
+    let low = used()
+        .filter_map(|&v| mesh.positions.get(v as usize))
+        .map(|p| p.y)
+        .min_by(f64::total_cmp)?;
+    let high = used().copied().max()? as usize;
+    if high >= mesh.positions.len() || !low.is_finite() {
+        return None;
+    }
+    let mesh = TriMesh {
+        positions: mesh.positions.iter().map(|p| *p - DVec3::Y * low).collect(),
+        triangles: mesh.triangles.clone(),
+    };
+    let area = mesh.area();
+    (area > 0.0 && area.is_finite()).then_some(mesh)
+}
+
+/// Points spread over the surface, with their triangles: equal shares of the area, each point random in its share
+fn sample(mesh: &TriMesh, seed: u64) -> Vec<(usize, DVec3)> {
+    let mut random = Random::new(seed);
+    let share = mesh.area() / SAMPLE_COUNT as f64;
+    let mut samples = Vec::with_capacity(SAMPLE_COUNT);
+    let (mut passed, mut next) = (0.0, share * random.uniform());
+    for t in 0..mesh.triangles.len() {
+        let [a, b, c] = mesh.corners(t);
+        passed += (b - a).cross(c - a).length() / 2.0;
+        while next < passed && samples.len() < SAMPLE_COUNT {
+            let (s, t_) = (random.uniform(), random.uniform());
+            let (s, t_) = if s + t_ > 1.0 {
+                (1.0 - s, 1.0 - t_)
+            } else {
+                (s, t_)
+            };
+            samples.push((t, a + (b - a) * s + (c - a) * t_));
+            next = share * (samples.len() as f64 + random.uniform());
+        }
+    }
+    samples
+}
+
+/// A surface of points, each a triangle without area
+fn points_only(samples: &[(usize, DVec3)]) -> NearestSurface {
+    NearestSurface::new(&TriMesh {
+        positions: samples.iter().map(|(_, p)| *p).collect(),
+        triangles: (0..samples.len() as u32).map(|v| [v; 3]).collect(),
+    })
+}
+
+/// A turn about the y axis, then a shift
+#[derive(Debug, Clone, Copy, Default)]
+struct Motion {
+    angle: f64,
+    shift: DVec3,
+}
+
+impl Motion {
+    fn carry(&self, point: DVec3) -> DVec3 {
+        DMat3::from_rotation_y(self.angle) * point + self.shift
+    }
+
+    fn after(&self, first: &Motion) -> Motion {
+        Motion {
+            angle: self.angle + first.angle,
+            shift: self.carry(first.shift),
+        }
+    }
+}
+
+/// The motion that brings moved points nearest to their nearest points of the truth
+fn align_step(points: &[DVec3], motion: &Motion, leaders: &NearestSurface) -> Option<Motion> {
+    let pairs: Vec<(DVec3, DVec3, f64)> = points
+        .par_iter()
+        .filter_map(|p| {
+            let moved = motion.carry(*p);
+            let found = leaders.nearest(moved)?;
+            Some((moved, found.position, found.distance))
+        })
+        .collect();
+    let distances: Vec<f64> = pairs.iter().map(|pair| pair.2).collect();
+    let limit = percentile(&distances, FOLLOWED)?;
+    let followed = || pairs.iter().filter(|pair| pair.2 <= limit);
+    let count = followed().count() as f64;
+    let from = followed().map(|pair| pair.0).sum::<DVec3>() / count;
+    let to = followed().map(|pair| pair.1).sum::<DVec3>() / count;
+    let (mut cos, mut sin) = (0.0, 0.0);
+    for (x, y, _) in followed() {
+        let (x, y) = (*x - from, *y - to);
+        cos += x.x * y.x + x.z * y.z;
+        sin += x.z * y.x - x.x * y.z;
+    }
+    let angle = sin.atan2(cos);
+    Some(Motion {
+        angle,
+        shift: to - DMat3::from_rotation_y(angle) * from,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pirouette::avatar::mannequin::{MannequinParameters, mannequin};
+
+    fn figure() -> TriMesh {
+        mannequin(&MannequinParameters::default()).unwrap().mesh
+    }
+
+    #[test]
+    fn a_body_turned_and_moved_is_the_same_body() {
+        let truth = figure();
+        let motion = Motion {
+            angle: 0.15,
+            shift: DVec3::new(20.0, 300.0, -35.0),
+        };
+        let body = TriMesh {
+            positions: truth.positions.iter().map(|p| motion.carry(*p)).collect(),
+            ..truth.clone()
+        };
+        let error = surface_error(&body, &truth).unwrap();
+        assert!(error.mean_mm < 0.3, "{}", error.mean_mm);
+    }
+
+    #[test]
+    fn a_body_inflated_by_four_millimeters_is_four_millimeters_off() {
+        let truth = figure();
+        let normals = truth.vertex_normals();
+        let moved = truth
+            .positions
+            .iter()
+            .zip(normals)
+            .map(|(p, n)| *p + n * 4.0);
+        let body = TriMesh {
+            positions: moved.collect(),
+            ..truth.clone()
+        };
+        let error = surface_error(&body, &truth).unwrap();
+        assert!((error.mean_mm - 4.0).abs() < 0.5, "{}", error.mean_mm);
+        assert!(error.p95_mm > 3.9);
+        assert!(
+            error
+                .from_truth
+                .iter()
+                .all(|(t, _)| *t < truth.triangles.len())
+        );
+    }
+
+    #[test]
+    fn samples_are_spread_evenly_over_the_area() {
+        let mesh = TriMesh {
+            positions: vec![
+                DVec3::ZERO,
+                DVec3::X * 3.0,
+                DVec3::Y,
+                DVec3::new(-1.0, 0.0, 0.0),
+            ],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+        };
+        let samples = sample(&mesh, 1);
+        assert!(samples.len().abs_diff(SAMPLE_COUNT) <= 1);
+        let first = samples.iter().filter(|(t, _)| *t == 0).count() as f64;
+        assert!((first / samples.len() as f64 - 0.75).abs() < 1e-3);
+    }
+
+    #[test]
+    fn nothing_has_no_distance() {
+        assert!(surface_error(&TriMesh::default(), &figure()).is_none());
+        assert!(surface_error(&figure(), &TriMesh::default()).is_none());
+    }
+}
