@@ -33,12 +33,22 @@ impl Camera {
         DVec3::new(0.0, self.height_mm, self.distance_mm)
     }
 
+    /// The same camera, ready to project many points
+    pub fn projector(&self) -> Projector {
+        let (sin, cos) = self.pitch_radians.sin_cos();
+        Projector {
+            height_mm: self.height_mm,
+            distance_mm: self.distance_mm,
+            sin,
+            cos,
+            focal_px: self.focal_px(),
+            middle: DVec2::new(self.width_px as f64 / 2.0, self.height_px as f64 / 2.0),
+        }
+    }
+
     /// The camera's view frame (x right, y down, z forward, in mm) of a point in the room
     pub fn view_from_room(&self, point: DVec3) -> DVec3 {
-        let (sin, cos) = self.pitch_radians.sin_cos();
-        let up = point.y - self.height_mm;
-        let ahead = self.distance_mm - point.z;
-        DVec3::new(point.x, -(up * cos) - ahead * sin, ahead * cos - up * sin)
+        self.projector().view_from_room(point)
     }
 
     /// Depth of a room point along the optical axis, in mm; positive before the camera
@@ -50,27 +60,12 @@ impl Camera {
     ///
     /// Meaningless for points at or behind the camera; see [`Camera::depth`].
     pub fn project(&self, point: DVec3) -> DVec2 {
-        let view = self.view_from_room(point);
-        let scale = self.focal_px() / view.z;
-        DVec2::new(
-            self.width_px as f64 / 2.0 + scale * view.x,
-            self.height_px as f64 / 2.0 + scale * view.y,
-        )
+        self.projector().project(point)
     }
 
     /// Gradients of photo x and photo y with respect to the room point, in px per mm
     pub fn project_gradients(&self, point: DVec3) -> [DVec3; 2] {
-        let (sin, cos) = self.pitch_radians.sin_cos();
-        let view = self.view_from_room(point);
-        let scale = self.focal_px() / view.z;
-        // rows of the rotation view_from_room
-        let x_axis = DVec3::X;
-        let y_axis = DVec3::new(0.0, -cos, sin);
-        let z_axis = DVec3::new(0.0, -sin, -cos);
-        [
-            (x_axis - z_axis * (view.x / view.z)) * scale,
-            (y_axis - z_axis * (view.y / view.z)) * scale,
-        ]
+        self.projector().project_gradients(point)
     }
 
     /// Direction in the room of the ray through a photo point, of unit length
@@ -81,6 +76,51 @@ impl Camera {
         let y = (photo.y - self.height_px as f64 / 2.0) / focal;
         let room = DVec3::X * x + DVec3::new(0.0, -cos, sin) * y + DVec3::new(0.0, -sin, -cos);
         room / room.length()
+    }
+}
+
+/// A camera whose angles are worked out, to project many points
+#[derive(Debug, Clone, Copy)]
+pub struct Projector {
+    height_mm: f64,
+    distance_mm: f64,
+    sin: f64,
+    cos: f64,
+    focal_px: f64,
+    middle: DVec2,
+}
+
+impl Projector {
+    /// As [`Camera::view_from_room`]
+    pub fn view_from_room(&self, point: DVec3) -> DVec3 {
+        let (sin, cos) = (self.sin, self.cos);
+        let up = point.y - self.height_mm;
+        let ahead = self.distance_mm - point.z;
+        DVec3::new(point.x, -(up * cos) - ahead * sin, ahead * cos - up * sin)
+    }
+
+    /// As [`Camera::project`]
+    pub fn project(&self, point: DVec3) -> DVec2 {
+        self.photo_from_view(self.view_from_room(point))
+    }
+
+    /// Photo coordinates of a point in the view frame, in px
+    pub fn photo_from_view(&self, view: DVec3) -> DVec2 {
+        self.middle + view.truncate() * (self.focal_px / view.z)
+    }
+
+    /// As [`Camera::project_gradients`]
+    pub fn project_gradients(&self, point: DVec3) -> [DVec3; 2] {
+        let view = self.view_from_room(point);
+        let scale = self.focal_px / view.z;
+        // rows of the rotation view_from_room
+        let x_axis = DVec3::X;
+        let y_axis = DVec3::new(0.0, -self.cos, self.sin);
+        let z_axis = DVec3::new(0.0, -self.sin, -self.cos);
+        [
+            (x_axis - z_axis * (view.x / view.z)) * scale,
+            (y_axis - z_axis * (view.y / view.z)) * scale,
+        ]
     }
 }
 

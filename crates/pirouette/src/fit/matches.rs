@@ -5,7 +5,7 @@ use pirouette_geom::Grid;
 
 use super::outline::{EdgePoint, PointIndex, SPACING, trace};
 use super::rim::RimMesh;
-use crate::camera::Camera;
+use crate::camera::{Camera, Projector};
 
 /// Normals agree when the cosine of the angle between them is above this
 ///
@@ -53,7 +53,7 @@ impl Match {
     /// How far outside of the outline a room point is seen, in nominal px, and the gradient of that by the point
     pub(super) fn residual(
         &self,
-        camera: &Camera,
+        camera: &Projector,
         point: DVec3,
         outline: &Outline,
     ) -> (f64, DVec3) {

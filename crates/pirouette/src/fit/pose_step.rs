@@ -103,7 +103,7 @@ fn solve(
     pose: &Pose,
     seen: &Seen,
 ) -> Option<[f64; COUNT]> {
-    let camera = &view.camera;
+    let camera = view.camera.projector();
     let motions: [Motion; COUNT] = std::array::from_fn(|parameter| seen.posed.motion(parameter));
     let mut normal = Normal {
         matrix: [[0.0; COUNT]; COUNT],
@@ -113,7 +113,7 @@ fn solve(
     let mut active = Vec::with_capacity(COUNT);
     for m in &seen.matches {
         let point = seen.positions[m.vertex as usize];
-        let (residual, gradient) = m.residual(camera, point, outline);
+        let (residual, gradient) = m.residual(&camera, point, outline);
         let weight: &SkinWeight = &body.weights[m.vertex as usize];
         let shares = shares(weight.iter());
         fill_row(&motions, &shares, gradient, point, &mut row, &mut active);

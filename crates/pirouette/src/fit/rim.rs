@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::outline::EdgePoint;
-use crate::camera::Camera;
+use crate::camera::{Camera, Projector};
 
 /// A rim vertex counts when a point this far outside of it, in nominal px, is free of the surface
 ///
@@ -75,9 +75,14 @@ impl RimMesh {
     ///
     /// `posed` in the room, in mm; a nominal pixel is `unit_px` large; empty when a vertex is behind the camera.
     pub(super) fn rim(&self, posed: &[DVec3], camera: &Camera, unit_px: f64) -> Vec<RimVertex> {
-        let photo: Vec<DVec2> = posed.iter().map(|&p| camera.project(p)).collect();
-        if !posed.iter().all(|&p| camera.depth(p) > 1.0) {
-            return Vec::new();
+        let projector = camera.projector();
+        let mut photo: Vec<DVec2> = Vec::with_capacity(posed.len());
+        for &p in posed {
+            let view = projector.view_from_room(p);
+            if view.z <= 1.0 {
+                return Vec::new();
+            }
+            photo.push(projector.photo_from_view(view));
         }
         let front: Vec<bool> = self
             .triangles
@@ -106,7 +111,7 @@ impl RimMesh {
             .filter_map(|vertex| {
                 let edge = EdgePoint {
                     position: photo[vertex as usize],
-                    normal: self.photo_normal(vertex, posed, camera)?,
+                    normal: self.photo_normal(vertex, posed, &projector)?,
                 };
                 let outside = edge.position + edge.normal * (CLEARANCE * unit_px);
                 (strips.winding(outside) == 0).then_some(RimVertex { vertex, edge })
@@ -115,7 +120,7 @@ impl RimMesh {
     }
 
     /// Direction in the photo in which the surface ends at a rim vertex
-    fn photo_normal(&self, vertex: u32, posed: &[DVec3], camera: &Camera) -> Option<DVec2> {
+    fn photo_normal(&self, vertex: u32, posed: &[DVec3], projector: &Projector) -> Option<DVec2> {
         let v = vertex as usize;
         let star = &self.star[self.first[v] as usize..self.first[v + 1] as usize];
         let normal: DVec3 = star
@@ -126,8 +131,8 @@ impl RimMesh {
             })
             .sum();
         // A plane through the center of projection is seen as a line across the view's x and y of its normal.
-        let origin = camera.view_from_room(posed[v]);
-        let tip = camera.view_from_room(posed[v] + normal);
+        let origin = projector.view_from_room(posed[v]);
+        let tip = projector.view_from_room(posed[v] + normal);
         (tip - origin).truncate().try_normalize()
     }
 }

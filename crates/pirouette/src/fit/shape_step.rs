@@ -261,13 +261,14 @@ fn rows_of_view(
     let posed = pose_bones(&body.bone_heads, pose, view.turn);
     let positions = posed.skin(&body.positions, body.weights);
     let rim = &body.surface.rim;
+    let camera = view.camera.projector();
     let matches = find_matches(rim, &positions, &view.camera, outline, round.radius);
     matches
         .iter()
         .map(|m| {
             let v = m.vertex as usize;
             let point = positions[v];
-            let (residual, in_room) = m.residual(&view.camera, point, outline);
+            let (residual, in_room) = m.residual(&camera, point, outline);
             let gradient = posed.blend(&body.weights[v]).matrix3.transpose() * in_room;
             let robust = 1.0 / (1.0 + (residual / round.robust).powi(2));
             let weight = robust * m.weight.sqrt();

@@ -161,11 +161,13 @@ impl SilhouetteMesh {
 
 /// Photo coordinates of each position, `None` behind the camera or not finite
 fn project_all(positions: &[DVec3], camera: &Camera) -> Vec<Option<DVec2>> {
+    let projector = camera.projector();
     positions
         .iter()
         .map(|&p| {
-            let photo = camera.project(p);
-            (camera.depth(p) > MIN_DEPTH_MM && photo.is_finite()).then_some(photo)
+            let view = projector.view_from_room(p);
+            let photo = projector.photo_from_view(view);
+            (view.z > MIN_DEPTH_MM && photo.is_finite()).then_some(photo)
         })
         .collect()
 }
