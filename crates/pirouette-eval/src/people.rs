@@ -2,14 +2,18 @@
 //!
 //! A person is a mannequin of random sex, stature and mass whose surface is displaced by a random smooth field of its own:
 //! no mannequin has that shape, so that a fit which starts from one has something to find. Field, bones and
-//! keypoints move together. Left and right differ a little.
+//! keypoints move together. Left and right differ a little. And nobody stands like the mannequin: back, neck and legs are
+//! held in a way of the person's own, about which the person sways.
 
 use std::f64::consts::TAU;
 
 use glam::DVec3;
 use pirouette::avatar::mannequin::{MannequinError, MannequinParameters, Sex, mannequin};
 use pirouette::avatar::{Avatar, landmarks};
-use pirouette::synthetic::{Clutter, Random, SyntheticOptions, SyntheticScan, synthesize};
+use pirouette::skeleton::Bone;
+use pirouette::synthetic::{
+    Clutter, Random, SyntheticOptions, SyntheticScan, synthesize, with_posture,
+};
 
 /// Body mass indices of the people, evenly spread, in kg/m²
 pub const BMI_RANGE: [f64; 2] = [17.0, 38.0];
@@ -36,6 +40,21 @@ const LOPSIDED: f64 = 0.15;
 
 /// Displacements up and down fade out below this height, so that soles stay flat, in mm
 const SOLE_FADE_MM: f64 = 120.0;
+
+/// Standard deviations of the bends of back, neck and head, in degrees
+const POSTURE_DEGREES: [(Bone, f64); 4] = [
+    (Bone::LowerSpine, 2.0),
+    (Bone::UpperSpine, 1.5),
+    (Bone::Neck, 3.0),
+    (Bone::Head, 3.0),
+];
+
+/// ... of both hips, of both knees
+const HIP_DEGREES: f64 = 1.5;
+const KNEE_DEGREES: f64 = 1.5;
+
+/// ... by which each leg stands farther apart
+const APART_DEGREES: f64 = 1.5;
 
 /// Columns and rows of the photos
 const PHOTO_SIZE_PX: (usize, usize) = (800, 1000);
@@ -86,6 +105,14 @@ impl Person {
             ..MannequinParameters::default()
         })?;
         displace(&mut figure, random);
+        let mut figure = with_posture(&figure, &posture(random));
+        // Tapes lie where this body has its waist, not where the mannequin had it.
+        (figure.tape_loops, figure.landmarks) = landmarks::find(
+            &figure.mesh,
+            &figure.weights,
+            &figure.bone_heads,
+            &figure.keypoints,
+        );
         Ok(Self {
             seed,
             sex,
@@ -175,7 +202,7 @@ impl Field {
     }
 }
 
-/// Displaces surface, bones and keypoints by one random field, and puts the figure back on the floor
+/// Displaces surface, bones and keypoints by one random field
 fn displace(figure: &mut Avatar, random: &mut Random) {
     let size_mm = random.between(DISPLACEMENT_MM[0], DISPLACEMENT_MM[1]);
     let field = Field::new(random);
@@ -198,23 +225,29 @@ fn displace(figure: &mut Avatar, random: &mut Random) {
     for point in points {
         *point += field.balanced(*point) * scale;
     }
-    let low = figure.mesh.bounds().map_or(0.0, |(low, _)| low.y);
-    let points = figure
-        .mesh
-        .positions
-        .iter_mut()
-        .chain(&mut figure.bone_heads)
-        .chain(&mut figure.keypoints);
-    for point in points {
-        point.y -= low;
+}
+
+/// How a person stands, alike on both sides: bends about the x axis, legs apart; soles stay level
+fn posture(random: &mut Random) -> Vec<(Bone, DVec3)> {
+    let mut bend = |sd_degrees: f64| {
+        let deviation = random.normal().clamp(-2.0, 2.0);
+        (deviation * sd_degrees).to_radians()
+    };
+    let mut rotations: Vec<(Bone, DVec3)> = POSTURE_DEGREES
+        .iter()
+        .map(|&(bone, sd)| (bone, DVec3::X * bend(sd)))
+        .collect();
+    let (hip, knee, apart) = (bend(HIP_DEGREES), bend(KNEE_DEGREES), bend(APART_DEGREES));
+    for (thigh, shin, foot, side) in [
+        (Bone::LeftThigh, Bone::LeftShin, Bone::LeftFoot, 1.0),
+        (Bone::RightThigh, Bone::RightShin, Bone::RightFoot, -1.0),
+    ] {
+        let apart = DVec3::Z * apart * side;
+        rotations.push((thigh, DVec3::X * hip + apart));
+        rotations.push((shin, DVec3::X * knee));
+        rotations.push((foot, DVec3::NEG_X * (hip + knee) - apart));
     }
-    // Tapes lie where the displaced body has its waist, not where the mannequin had it.
-    (figure.tape_loops, figure.landmarks) = landmarks::find(
-        &figure.mesh,
-        &figure.weights,
-        &figure.bone_heads,
-        &figure.keypoints,
-    );
+    rotations
 }
 
 #[cfg(test)]
