@@ -174,7 +174,19 @@ struct Body<'a> {
     keypoints: [DVec3; Joint::COUNT],
 }
 
-impl Body<'_> {
+impl<'a> Body<'a> {
+    fn new(avatar: &'a Avatar, surface: &'a Surface) -> Self {
+        Self {
+            surface,
+            weights: &avatar.weights,
+            rest: avatar.mesh.positions.clone(),
+            displacements: vec![DVec3::ZERO; surface.coarse_count()],
+            positions: avatar.mesh.positions.clone(),
+            bone_heads: avatar.bone_heads,
+            keypoints: avatar.keypoints,
+        }
+    }
+
     fn displace(&mut self, displacements: Vec<DVec3>) {
         let spread = self.surface.spread(&displacements);
         self.displacements = displacements;
@@ -233,19 +245,8 @@ pub fn fit_body(
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Fit {
     let surface = Surface::new(avatar, options.coarse_count);
-    let mut body = Body {
-        surface: &surface,
-        weights: &avatar.weights,
-        rest: avatar.mesh.positions.clone(),
-        displacements: vec![DVec3::ZERO; surface.coarse_count()],
-        positions: avatar.mesh.positions.clone(),
-        bone_heads: avatar.bone_heads,
-        keypoints: avatar.keypoints,
-    };
-    let outlines: Vec<Outline> = views
-        .par_iter()
-        .map(|view| Outline::new(view.silhouette, view.stature_px() / NOMINAL_STATURE_PX))
-        .collect();
+    let mut body = Body::new(avatar, &surface);
+    let outlines = trace_outlines(views);
     let mut poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
     let mut posture = *posture;
     let mut residual_px = f64::INFINITY;
@@ -255,19 +256,7 @@ pub fn fit_body(
             if cancelled() {
                 break;
             }
-            poses = (0..views.len())
-                .into_par_iter()
-                .map(|i| {
-                    pose_step::pose_step(
-                        &body,
-                        &views[i],
-                        &outlines[i],
-                        &posture,
-                        &poses[i],
-                        round.radius,
-                    )
-                })
-                .collect();
+            poses = step_poses(&body, views, &outlines, &posture, &poses, round);
             let Some(off) = solver.step(&mut body, views, &outlines, &poses, round, options) else {
                 break;
             };
@@ -311,6 +300,52 @@ pub fn fit_body(
         poses,
         residual_px,
     }
+}
+
+/// How far the undeformed avatar is off the outlines in its best poses (root mean square), in nominal px
+///
+/// Arguments as of [`fit_body`]; as wide as its first round.
+pub fn rigid_residual(avatar: &Avatar, posture: &Pose, views: &[FitView]) -> f64 {
+    let Some(round) = FitOptions::default().rounds.first().copied() else {
+        return f64::INFINITY;
+    };
+    // Nothing is displaced, so that no coarse mesh is needed.
+    let surface = Surface::new(avatar, usize::MAX);
+    let body = Body::new(avatar, &surface);
+    let outlines = trace_outlines(views);
+    let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
+    let poses = step_poses(&body, views, &outlines, posture, &poses, &round);
+    shape_step::residual(
+        &shape_step::rows(&body, views, &outlines, &poses, &round),
+        &round,
+    )
+}
+
+fn trace_outlines(views: &[FitView]) -> Vec<Outline> {
+    let trace =
+        |view: &FitView| Outline::new(view.silhouette, view.stature_px() / NOMINAL_STATURE_PX);
+    views.par_iter().map(trace).collect()
+}
+
+fn step_poses(
+    body: &Body,
+    views: &[FitView],
+    outlines: &[Outline],
+    posture: &Pose,
+    poses: &[Pose],
+    round: &Round,
+) -> Vec<Pose> {
+    let step = |i: usize| {
+        pose_step::pose_step(
+            body,
+            &views[i],
+            &outlines[i],
+            posture,
+            &poses[i],
+            round.radius,
+        )
+    };
+    (0..views.len()).into_par_iter().map(step).collect()
 }
 
 /// Takes what all poses share, alike on both sides, out of them and into the surface

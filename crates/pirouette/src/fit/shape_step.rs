@@ -45,7 +45,7 @@ struct Anchor {
 
 /// One residual of the shape step, linear in the displacement of one vertex
 #[derive(Debug, Clone, Copy)]
-struct Row {
+pub(super) struct Row {
     vertex: u32,
     /// Derivative by the displacement in the reference pose, nominal px per mm, weighted
     gradient: DVec3,
@@ -127,12 +127,7 @@ impl ShapeSolver {
         options: &FitOptions,
     ) -> Option<f64> {
         let frozen: &Body = body;
-        let rows: Vec<Vec<Row>> = views
-            .par_iter()
-            .zip(outlines)
-            .zip(poses)
-            .map(|((view, outline), pose)| rows_of_view(frozen, view, outline, pose, round))
-            .collect();
+        let rows = rows(frozen, views, outlines, poses, round);
         let surface = frozen.surface;
         let density = surface.density();
         self.system.clear();
@@ -177,12 +172,7 @@ impl ShapeSolver {
             return None;
         }
         body.displace(right);
-        let (mut sum, mut weight) = (0.0, 0.0);
-        for row in rows.iter().flatten() {
-            sum += row.share * row.off.abs().min(round.robust).powi(2);
-            weight += row.share;
-        }
-        Some((sum / f64::max(weight, 1.0)).sqrt())
+        Some(residual(&rows, round))
     }
 
     fn add_block(&mut self, a: u32, b: u32, block: DMat3) {
@@ -249,6 +239,32 @@ fn anchors(rest: &[DVec3], stature_mm: Option<f64>) -> Vec<Anchor> {
         }));
     }
     anchors
+}
+
+/// The residuals of all views
+pub(super) fn rows(
+    body: &Body,
+    views: &[FitView],
+    outlines: &[Outline],
+    poses: &[Pose],
+    round: &super::Round,
+) -> Vec<Vec<Row>> {
+    views
+        .par_iter()
+        .zip(outlines)
+        .zip(poses)
+        .map(|((view, outline), pose)| rows_of_view(body, view, outline, pose, round))
+        .collect()
+}
+
+/// Root mean square of all residuals, none larger than the robust width, in nominal px
+pub(super) fn residual(rows: &[Vec<Row>], round: &super::Round) -> f64 {
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for row in rows.iter().flatten() {
+        sum += row.share * row.off.abs().min(round.robust).powi(2);
+        weight += row.share;
+    }
+    (sum / f64::max(weight, 1.0)).sqrt()
 }
 
 fn rows_of_view(

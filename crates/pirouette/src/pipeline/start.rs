@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use crate::avatar::Avatar;
 use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
-use crate::fit::{FitOptions, FitView, fit_body};
+use crate::fit::{FitOptions, FitView, fit_body, rigid_residual};
 use crate::pipeline::ViewReport;
 use crate::pose::Pose;
 use crate::scan::{CameraSetup, Scan};
@@ -81,8 +81,6 @@ pub(super) fn choose_start(
         cancelled,
     );
     let mass_kg = rough.avatar.mesh.volume() * KG_PER_CUBIC_MM;
-    let mut nearest = FitOptions::trial();
-    nearest.rounds.truncate(1);
     let starts: Vec<(f64, Start)> = [Sex::Female, Sex::Male, Sex::Neutral]
         .into_par_iter()
         .filter_map(|sex| {
@@ -93,14 +91,8 @@ pub(super) fn choose_start(
             })
             .ok()?;
             let start = pose_figure(scan, bundle, views, &figure, stature_mm)?;
-            let fit = fit_body(
-                &start.0,
-                &start.1,
-                &fit_views(bundle, views, &start.2, stature_mm),
-                Some(stature_mm),
-                &nearest,
-                cancelled,
-            );
+            let views = fit_views(bundle, views, &start.2, stature_mm);
+            let residual_px = rigid_residual(&start.0, &start.1, &views);
             let (avatar, posture, poses) = start;
             let start = Start {
                 avatar,
@@ -108,7 +100,7 @@ pub(super) fn choose_start(
                 poses,
                 figure: StartFigure { sex, mass_kg },
             };
-            Some((fit.residual_px, start))
+            Some((residual_px, start))
         })
         .collect();
     let best = starts.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
