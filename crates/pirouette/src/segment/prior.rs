@@ -13,6 +13,8 @@ pub(super) struct PriorFit {
     outside_px: f64,
     /// Deeper inside the avatar than this is surely person
     inside_px: f64,
+    /// Bones count as person up to this far outside the avatar, negative: where they run deeper inside it
+    bone_px: f64,
     /// The odds are even this far outside the avatar
     even_px: f64,
     /// Distance that changes the log odds by one
@@ -23,9 +25,14 @@ pub(super) struct PriorFit {
 
 impl PriorFit {
     /// A scan: the camera is known, clothes are tight, and the plate finds what the avatar lacks
+    ///
+    /// Lines from the neck to nose and ears leave the body under the chin and beside the neck, where the avatar may be
+    /// wider than the person: `bone_px` 3 fills these hollows (mean IoU of five rendered scans 0.9858 instead of
+    /// 0.9873), -6 begins to lose limbs that the avatar misses.
     pub(super) const SCAN: Self = Self {
         outside_px: 70.0,
         inside_px: 16.0,
+        bone_px: -3.0,
         even_px: 0.0,
         odds_length_px: 12.0,
         max_log_odds: 2.5,
@@ -40,14 +47,12 @@ impl PriorFit {
     pub(super) const SINGLE: Self = Self {
         outside_px: 150.0,
         inside_px: 8.0,
+        bone_px: 3.0,
         even_px: 5.0,
         odds_length_px: 10.0,
         max_log_odds: 2.0,
     };
 }
-
-/// Bones count as person up to this far outside the avatar; farther out the two disagree
-const BONE_OUTSIDE_PX: f64 = 3.0;
 
 /// Bones that leave the avatar by more than this count as outside it
 const MISFIT_PX: f64 = 12.0;
@@ -96,7 +101,7 @@ impl Prior {
                     let outside = f64::from(distance[(x, y)]);
                     met += 1;
                     misfits += usize::from(outside > MISFIT_PX * scale);
-                    if outside < BONE_OUTSIDE_PX * scale {
+                    if outside < fit.bone_px * scale {
                         seeds[(x, y)] = Seed::Person;
                     }
                 },
