@@ -250,6 +250,7 @@ pub fn fit_body(
     let mut poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
     let mut posture = *posture;
     let mut residual_px = f64::INFINITY;
+    let mut transferred = Pose::default();
     let solver = ShapeSolver::new(&surface, &body, stature_mm, options);
     if let Some(mut solver) = solver {
         for (index, round) in options.rounds.iter().enumerate() {
@@ -262,7 +263,7 @@ pub fn fit_body(
             };
             residual_px = off;
             if options.transfer_mean_pose && index + 2 < options.rounds.len() {
-                transfer_mean_pose(&mut body, &mut poses, &mut posture);
+                transfer_mean_pose(&mut body, &mut poses, &mut posture, &mut transferred);
             }
         }
     }
@@ -348,23 +349,45 @@ fn step_poses(
     (0..views.len()).into_par_iter().map(step).collect()
 }
 
+/// Standard deviation of a person's own posture from the figure's, over that of one view's pose from the posture
+///
+/// Rendered scans and random people, mean surface error with 8 views: 2.99 and 2.65 mm when the mean of the poses
+/// counts in full, 2.93 and 2.61 mm with 1.0, 2.92 and 2.70 mm with 0.7. It matters most for few views: of 32 people
+/// in four views three are more than 7 mm off without it, and one with it.
+const POSTURE_SPREAD: f64 = 1.0;
+
 /// Takes what all poses share, alike on both sides, out of them and into the surface
 ///
 /// The mean of a few swaying views is lopsided by chance: 2.5 degrees of sway of a thigh leave 0.9 degrees over eight views,
 /// which is 12 mm at the foot. So the lopsided part stays in the poses (surface error of three rendered scans: 2.35 mm;
-/// with it 2.71 mm). The body of a person who always stands lopsided comes out upright.
-fn transfer_mean_pose(body: &mut Body, poses: &mut [Pose], posture: &mut Pose) {
+/// with it 2.71 mm). The body of a person who always stands lopsided comes out upright. What is alike on both sides is in
+/// part chance, too: the figure's own posture counts as much as `POSTURE_SPREAD` says. `transferred` is what went into
+/// the surface so far.
+fn transfer_mean_pose(
+    body: &mut Body,
+    poses: &mut [Pose],
+    posture: &mut Pose,
+    transferred: &mut Pose,
+) {
     let count = poses.len().max(1) as f64;
-    let mean = |bone: Bone| {
+    let sum = |bone: Bone| {
         let rotations = poses.iter().map(|pose| pose.rotations[bone as usize]);
-        rotations.sum::<DVec3>() / count
+        rotations.sum::<DVec3>()
     };
     // Seen in a mirror (x to -x), a rotation keeps its part about x and reverses the others.
     let flip = DVec3::new(1.0, -1.0, -1.0);
+    let prior = POSTURE_SPREAD.powi(-2);
     let mut shared = Pose::default();
     for bone in Bone::ALL.into_iter().filter(|&bone| carries_posture(bone)) {
-        shared.rotations[bone as usize] = (mean(bone) + mean(bone.mirrored()) * flip) / 2.0;
-        posture.rotations[bone as usize] = DVec3::ZERO;
+        let b = bone as usize;
+        let (found, seen) = if bone == bone.mirrored() {
+            ((sum(bone) + sum(bone) * flip) / 2.0, count)
+        } else {
+            (sum(bone) + sum(bone.mirrored()) * flip, 2.0 * count)
+        };
+        shared.rotations[b] = (found - transferred.rotations[b] * prior) / (seen + prior);
+        transferred.rotations[b] += shared.rotations[b];
+        posture.rotations[b] = DVec3::ZERO;
     }
     for pose in poses.iter_mut() {
         for (rotation, shared) in pose.rotations.iter_mut().zip(shared.rotations) {
