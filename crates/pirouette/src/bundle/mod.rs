@@ -509,6 +509,17 @@ fn enlarged(avatar: &Avatar, factor: f64) -> Avatar {
 }
 
 impl Bundle {
+    /// Takes distance, height and pitch of all cameras from one that is known better
+    pub(crate) fn move_cameras(&mut self, better: &Camera) {
+        for camera in &mut self.cameras {
+            *camera = Camera {
+                width_px: camera.width_px,
+                height_px: camera.height_px,
+                ..*better
+            };
+        }
+    }
+
     /// The bones of one view's pose, in the room
     ///
     /// # Panics

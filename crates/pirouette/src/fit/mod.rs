@@ -12,6 +12,7 @@ mod outline;
 mod pose_step;
 mod rim;
 mod shape_step;
+mod shared_step;
 mod surface;
 mod targets;
 
@@ -28,6 +29,7 @@ use crate::skeleton::{Bone, Joint, Keypoints};
 use crate::units::TurnAngle;
 use matches::Outline;
 use shape_step::ShapeSolver;
+use shared_step::{Reshape, SharedStep, arm_shares, step_together};
 use surface::Surface;
 
 pub use targets::OutlineTargets;
@@ -68,6 +70,28 @@ impl FitView<'_> {
     }
 }
 
+/// What is known beforehand of all views together
+#[derive(Debug, Clone, Copy, Default)]
+pub struct FitPrior {
+    /// The pose that sway goes about
+    pub posture: Pose,
+    /// Height of the person, in mm, if it is known
+    pub stature_mm: Option<f64>,
+    /// How far the camera of the views may be off
+    pub camera: CameraSpread,
+}
+
+/// Standard deviations of what a camera is taken for; 0 holds it
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct CameraSpread {
+    /// Of the distance from the turning axis, in mm
+    pub distance_mm: f64,
+    /// Of the height above the floor, in mm
+    pub height_mm: f64,
+    /// Of the pitch
+    pub pitch_radians: f64,
+}
+
 /// How the fit is done
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitOptions {
@@ -79,6 +103,8 @@ pub struct FitOptions {
     pub transfer_mean_pose: bool,
     /// Whether soles are held on the floor, and the crown at the stature
     pub anchors: bool,
+    /// Whether the camera is corrected, as far as its prior allows
+    pub camera: bool,
     /// The rounds, in order
     pub rounds: Vec<Round>,
 }
@@ -116,6 +142,7 @@ impl Default for FitOptions {
             symmetry: true,
             transfer_mean_pose: true,
             anchors: true,
+            camera: true,
             rounds: rounds
                 .map(|(radius, smoothness, robust)| Round {
                     radius,
@@ -146,6 +173,8 @@ pub struct Fit {
     pub avatar: Avatar,
     /// Pose of each view
     pub poses: Vec<Pose>,
+    /// Camera of each view, corrected as far as its prior allows
+    pub cameras: Vec<Camera>,
     /// Intersection over union of the posed body's silhouette with that of the photo, for each view
     pub silhouette_ious: Vec<f64>,
     /// How far rim and outlines were apart in the last round (root mean square), in nominal px
@@ -165,6 +194,8 @@ impl Fit {
 struct Body<'a> {
     surface: &'a Surface,
     weights: &'a [SkinWeight],
+    /// By which share each vertex hangs on the left and on the right arm
+    arms: Vec<[f64; 2]>,
     /// The undisplaced surface
     rest: Vec<DVec3>,
     /// Displacements of the coarse vertices
@@ -179,6 +210,7 @@ impl<'a> Body<'a> {
         Self {
             surface,
             weights: &avatar.weights,
+            arms: avatar.weights.iter().map(arm_shares).collect(),
             rest: avatar.mesh.positions.clone(),
             displacements: vec![DVec3::ZERO; surface.coarse_count()],
             positions: avatar.mesh.positions.clone(),
@@ -193,6 +225,41 @@ impl<'a> Body<'a> {
         for ((position, rest), moved) in self.positions.iter_mut().zip(&self.rest).zip(spread) {
             *position = *rest + moved;
         }
+    }
+
+    fn reshape_frame(&self, stature_mm: f64) -> Reshape {
+        Reshape {
+            stature_mm,
+            shoulders: [Bone::LeftUpperArm, Bone::RightUpperArm]
+                .map(|arm| self.bone_heads[arm as usize]),
+        }
+    }
+
+    /// Makes the whole figure wider, and lifts its middle
+    fn reshape(&mut self, step: &SharedStep, stature_mm: f64) {
+        let frame = self.reshape_frame(stature_mm);
+        let move_point = |p: &mut DVec3, arms| *p = step.reshaped(*p, frame.rates(*p, arms));
+        for ((p, rest), &arms) in self
+            .positions
+            .iter_mut()
+            .zip(&mut self.rest)
+            .zip(&self.arms)
+        {
+            move_point(p, arms);
+            move_point(rest, arms);
+        }
+        for (bone, head) in Bone::ALL.into_iter().zip(&mut self.bone_heads) {
+            move_point(head, arm_shares(&SkinWeight::rigid(bone)));
+        }
+        for (joint, point) in Joint::ALL.into_iter().zip(&mut self.keypoints) {
+            move_point(point, arm_shares(&SkinWeight::rigid(joint.bone())));
+        }
+        let coarse = &self.surface.coarse.vertices;
+        let displacements = coarse
+            .iter()
+            .map(|&v| self.positions[v as usize] - self.rest[v as usize])
+            .collect();
+        self.displace(displacements);
     }
 
     /// Brings the reference pose into another pose
@@ -234,13 +301,12 @@ fn carries_posture(bone: Bone) -> bool {
 
 /// Fits one body to all views
 ///
-/// `avatar` has the person's bone lengths, in the reference pose; `posture` is the pose that sway goes about.
-/// `cancelled` is asked between rounds; the fit so far comes back.
+/// `avatar` has the person's bone lengths, in the reference pose. `cancelled` is asked between rounds; the fit so far
+/// comes back.
 pub fn fit_body(
     avatar: &Avatar,
-    posture: &Pose,
     views: &[FitView],
-    stature_mm: Option<f64>,
+    prior: &FitPrior,
     options: &FitOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Fit {
@@ -248,17 +314,39 @@ pub fn fit_body(
     let mut body = Body::new(avatar, &surface);
     let outlines = trace_outlines(views);
     let mut poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
-    let mut posture = *posture;
+    let start = views.first().map(|view| view.camera);
+    let spread = if options.camera {
+        prior.camera
+    } else {
+        CameraSpread::default()
+    };
+    let mut views = views.to_vec();
+    let mut posture = prior.posture;
     let mut residual_px = f64::INFINITY;
     let mut transferred = Pose::default();
-    let solver = ShapeSolver::new(&surface, &body, stature_mm, options);
+    let solver = ShapeSolver::new(&surface, &body, prior.stature_mm, options);
     if let Some(mut solver) = solver {
         for (index, round) in options.rounds.iter().enumerate() {
             if cancelled() {
                 break;
             }
-            poses = step_poses(&body, views, &outlines, &posture, &poses, round);
-            let Some(off) = solver.step(&mut body, views, &outlines, &poses, round, options) else {
+            let together = step_together(
+                &body,
+                &views,
+                &outlines,
+                (&posture, &poses),
+                round.radius,
+                (start.as_ref(), &spread),
+            );
+            poses = together.poses;
+            if together.shared != SharedStep::default() {
+                for view in &mut views {
+                    view.camera = together.shared.moved(&view.camera);
+                }
+                body.reshape(&together.shared, views[0].stature_mm);
+            }
+            let Some(off) = solver.step(&mut body, &views, &outlines, &poses, round, options)
+            else {
                 break;
             };
             residual_px = off;
@@ -279,7 +367,7 @@ pub fn fit_body(
     fitted.mesh.positions = body.positions.iter().map(|p| *p - shift).collect();
     fitted.bone_heads = body.bone_heads.map(|p| p - shift);
     fitted.keypoints = body.keypoints.map(|p| p - shift);
-    for (pose, view) in poses.iter_mut().zip(views) {
+    for (pose, view) in poses.iter_mut().zip(&views) {
         // The root turns about the origin, so that the same room points come from the shifted body.
         let turned = pose_bones(&body.bone_heads, pose, view.turn);
         pose.shift_mm = turned.carry(Bone::Root, shift);
@@ -299,6 +387,7 @@ pub fn fit_body(
         avatar: fitted,
         silhouette_ious,
         poses,
+        cameras: views.iter().map(|view| view.camera).collect(),
         residual_px,
     }
 }
@@ -315,7 +404,15 @@ pub fn rigid_residual(avatar: &Avatar, posture: &Pose, views: &[FitView]) -> f64
     let body = Body::new(avatar, &surface);
     let outlines = trace_outlines(views);
     let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
-    let poses = step_poses(&body, views, &outlines, posture, &poses, &round);
+    let together = step_together(
+        &body,
+        views,
+        &outlines,
+        (posture, &poses),
+        round.radius,
+        (None, &CameraSpread::default()),
+    );
+    let poses = together.poses;
     shape_step::residual(
         &shape_step::rows(&body, views, &outlines, &poses, &round),
         &round,
@@ -326,27 +423,6 @@ fn trace_outlines(views: &[FitView]) -> Vec<Outline> {
     let trace =
         |view: &FitView| Outline::new(view.silhouette, view.stature_px() / NOMINAL_STATURE_PX);
     views.par_iter().map(trace).collect()
-}
-
-fn step_poses(
-    body: &Body,
-    views: &[FitView],
-    outlines: &[Outline],
-    posture: &Pose,
-    poses: &[Pose],
-    round: &Round,
-) -> Vec<Pose> {
-    let step = |i: usize| {
-        pose_step::pose_step(
-            body,
-            &views[i],
-            &outlines[i],
-            posture,
-            &poses[i],
-            round.radius,
-        )
-    };
-    (0..views.len()).into_par_iter().map(step).collect()
 }
 
 /// Standard deviation of a person's own posture from the figure's, over that of one view's pose from the posture

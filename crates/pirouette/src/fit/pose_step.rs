@@ -1,16 +1,19 @@
-//! The pose of one view, given the surface: Gauss-Newton on outline and keypoints.
+//! The equations of one view's pose, given the surface: Gauss-Newton on outline and keypoints.
 
-use faer::linalg::solvers::{Llt, Solve};
-use faer::{Mat, Side};
 use glam::DVec3;
 
 use super::matches::{Match, Outline, find_matches};
+use super::shared_step::{SHARED, SharedStep, arm_shares, camera_rates};
 use super::{Body, FitView};
 use crate::camera::Camera;
 use crate::pose::{Motion, Pose, PosedBones, SkinWeight, pose_bones};
 use crate::skeleton::{Bone, Joint};
 
-const COUNT: usize = Pose::PARAMETER_COUNT;
+/// Unknowns of one pose
+pub(super) const POSE: usize = Pose::PARAMETER_COUNT;
+
+/// Unknowns of one pose, and those that all views share
+pub(super) const ALL: usize = POSE + SHARED;
 
 /// Standard deviation of an outline point, in nominal px
 const OUTLINE_SIGMA: f64 = 2.0;
@@ -25,24 +28,56 @@ const OUTLINE_SHARE: f64 = 0.25;
 const KEYPOINT_WIDTH: f64 = 3.0;
 
 /// Steps per round
-const STEPS: usize = 2;
+pub(super) const STEPS: usize = 2;
 
 /// The body in one pose, and what explains the outline
-struct Seen {
+pub(super) struct Seen {
     posed: PosedBones,
     positions: Vec<DVec3>,
     matches: Vec<Match>,
 }
 
-/// Normal equations of one pose
-struct Normal {
-    matrix: [[f64; COUNT]; COUNT],
-    right: [f64; COUNT],
+impl Seen {
+    /// Poses the body, as `shared` reshapes it, and matches it with the outline; `radius` in nominal px
+    pub(super) fn new(
+        body: &Body,
+        view: &FitView,
+        outline: &Outline,
+        pose: &Pose,
+        radius: f64,
+        shared: &SharedStep,
+    ) -> Self {
+        let frame = body.reshape_frame(view.stature_mm);
+        let reshape = |p: DVec3, arms: [f64; 2]| shared.reshaped(p, frame.rates(p, arms));
+        let heads = std::array::from_fn(|b| {
+            let arms = arm_shares(&SkinWeight::rigid(Bone::ALL[b]));
+            reshape(body.bone_heads[b], arms)
+        });
+        let posed = pose_bones(&heads, pose, view.turn);
+        let positions = if *shared == SharedStep::default() {
+            posed.skin(&body.positions, body.weights)
+        } else {
+            let points = body.positions.iter().zip(&body.arms);
+            let reshaped: Vec<DVec3> = points.map(|(&p, &arms)| reshape(p, arms)).collect();
+            posed.skin(&reshaped, body.weights)
+        };
+        Self {
+            matches: find_matches(&body.surface.rim, &positions, &view.camera, outline, radius),
+            posed,
+            positions,
+        }
+    }
 }
 
-impl Normal {
+/// Normal equations of one pose and what all views share, lower triangle
+pub(super) struct Equations {
+    pub(super) matrix: [[f64; ALL]; ALL],
+    pub(super) right: [f64; ALL],
+}
+
+impl Equations {
     /// Adds a residual with gradient `row` over the parameters `active`, ascending
-    fn add(&mut self, active: &[usize], row: &[f64; COUNT], residual: f64, weight: f64) {
+    fn add(&mut self, active: &[usize], row: &[f64; ALL], residual: f64, weight: f64) {
         for (i, &a) in active.iter().enumerate() {
             let scaled = weight * row[a];
             self.right[a] -= scaled * residual;
@@ -66,84 +101,65 @@ fn shares(weights: impl Iterator<Item = (Bone, f64)>) -> [f64; Bone::COUNT] {
     shares
 }
 
-/// Moves the pose of one view closer to its outline and keypoints
+/// The equations of one view about a pose and what is shared so far; the prior of the pose is in them
 ///
-/// `prior` is the pose that sway goes about. The pose stays as it is when rounding breaks the equations.
-pub(super) fn pose_step(
-    body: &Body,
-    view: &FitView,
-    outline: &Outline,
-    prior: &Pose,
-    pose: &Pose,
-    radius: f64,
-) -> Pose {
-    let mut pose = *pose;
-    for _ in 0..STEPS {
-        let posed = pose_bones(&body.bone_heads, &pose, view.turn);
-        let positions = posed.skin(&body.positions, body.weights);
-        let seen = Seen {
-            matches: find_matches(&body.surface.rim, &positions, &view.camera, outline, radius),
-            posed,
-            positions,
-        };
-        let Some(step) = solve(body, view, outline, prior, &pose, &seen) else {
-            break;
-        };
-        let before = pose.to_parameters();
-        pose = Pose::from_parameters(&std::array::from_fn(|i| before[i] + step[i]));
-    }
-    pose
-}
-
-fn solve(
+/// `prior` is the pose that sway goes about. `None` when rounding breaks them.
+pub(super) fn equations(
     body: &Body,
     view: &FitView,
     outline: &Outline,
     prior: &Pose,
     pose: &Pose,
     seen: &Seen,
-) -> Option<[f64; COUNT]> {
+    shared: &SharedStep,
+) -> Option<Equations> {
     let camera = view.camera.projector();
-    let motions: [Motion; COUNT] = std::array::from_fn(|parameter| seen.posed.motion(parameter));
-    let mut normal = Normal {
-        matrix: [[0.0; COUNT]; COUNT],
-        right: [0.0; COUNT],
+    let frame = body.reshape_frame(view.stature_mm);
+    let motions: [Motion; POSE] = std::array::from_fn(|parameter| seen.posed.motion(parameter));
+    let mut equations = Equations {
+        matrix: [[0.0; ALL]; ALL],
+        right: [0.0; ALL],
     };
-    let mut row = [0.0; COUNT];
-    let mut active = Vec::with_capacity(COUNT);
+    let mut row = [0.0; ALL];
+    let mut active = Vec::with_capacity(ALL);
     for m in &seen.matches {
-        let point = seen.positions[m.vertex as usize];
+        let v = m.vertex as usize;
+        let point = seen.positions[v];
         let (residual, gradient) = m.residual(&camera, point, outline);
-        let weight: &SkinWeight = &body.weights[m.vertex as usize];
+        let weight: &SkinWeight = &body.weights[v];
         let shares = shares(weight.iter());
         fill_row(&motions, &shares, gradient, point, &mut row, &mut active);
+        let rotation = seen.posed.blend(weight).matrix3;
+        let rates = frame
+            .rates(body.positions[v], body.arms[v])
+            .map(|rate| rotation * rate);
+        fill_shared(view, gradient, point, rates, &mut row, &mut active);
         let robust = 1.0 / (1.0 + (residual / ROBUST).powi(2));
         let weight = OUTLINE_SHARE * m.weight * robust * robust / OUTLINE_SIGMA.powi(2);
-        normal.add(&active, &row, residual, weight);
+        equations.add(&active, &row, residual, weight);
     }
-    add_keypoints(body, view, &seen.posed, &motions, &mut normal);
+    add_keypoints(body, view, &seen.posed, &motions, shared, &mut equations);
     let (sigmas, at) = (Pose::prior_sigmas(), pose.to_parameters());
     let center = prior.to_parameters();
-    for i in 0..COUNT {
+    for i in 0..POSE {
         let weight = sigmas[i].powi(-2);
-        normal.matrix[i][i] += weight;
-        normal.right[i] -= weight * (at[i] - center[i]);
+        equations.matrix[i][i] += weight;
+        equations.right[i] -= weight * (at[i] - center[i]);
     }
-    let matrix = Mat::<f64>::from_fn(COUNT, COUNT, |i, j| normal.matrix[i.max(j)][i.min(j)]);
-    let mut right = Mat::<f64>::from_fn(COUNT, 1, |i, _| normal.right[i]);
-    let factor = Llt::new(matrix.as_ref(), Side::Lower).ok()?;
-    factor.solve_in_place(right.as_mut());
-    let step: [f64; COUNT] = std::array::from_fn(|i| right[(i, 0)]);
-    step.iter().all(|x| x.is_finite()).then_some(step)
+    equations
+        .right
+        .iter()
+        .all(|x| x.is_finite())
+        .then_some(equations)
 }
 
-/// Derivatives of `gradient . point` by the parameters that move the point
+/// Derivatives of `gradient . point` by the parameters of the pose that move the point
 fn fill_row(
-    motions: &[Motion; COUNT],
+    motions: &[Motion; POSE],
     shares: &[f64; Bone::COUNT],
     gradient: DVec3,
     point: DVec3,
-    row: &mut [f64; COUNT],
+    row: &mut [f64; ALL],
     active: &mut Vec<usize>,
 ) {
     active.clear();
@@ -155,9 +171,27 @@ fn fill_row(
             }
         }
     }
-    for p in 3 * Bone::COUNT..COUNT {
+    for p in 3 * Bone::COUNT..POSE {
         row[p] = gradient.dot(motions[p].velocity(point));
         active.push(p);
+    }
+}
+
+/// Derivatives by what all views share; `reshaped` are those of the point in the room by width and lift
+fn fill_shared(
+    view: &FitView,
+    gradient: DVec3,
+    point: DVec3,
+    reshaped: [DVec3; 2],
+    row: &mut [f64; ALL],
+    active: &mut Vec<usize>,
+) {
+    let rates = reshaped
+        .into_iter()
+        .chain(camera_rates(point, &view.camera));
+    for (s, rate) in rates.enumerate() {
+        row[POSE + s] = gradient.dot(rate);
+        active.push(POSE + s);
     }
 }
 
@@ -165,17 +199,33 @@ fn add_keypoints(
     body: &Body,
     view: &FitView,
     posed: &PosedBones,
-    motions: &[Motion; COUNT],
-    normal: &mut Normal,
+    motions: &[Motion; POSE],
+    shared: &SharedStep,
+    equations: &mut Equations,
 ) {
     let camera: &Camera = &view.camera;
-    let mut row = [0.0; COUNT];
-    let mut active = Vec::with_capacity(COUNT);
+    let frame = body.reshape_frame(view.stature_mm);
+    let mut row = [0.0; ALL];
+    let mut active = Vec::with_capacity(ALL);
     for joint in Joint::ALL {
         let Some((seen, sigma_px)) = view.keypoint(joint) else {
             continue;
         };
-        let (point, shares) = body.room_joint(posed, joint);
+        let parts = joint_parts(joint);
+        let share = 1.0 / parts.len() as f64;
+        let (mut point, mut rates) = (DVec3::ZERO, [DVec3::ZERO; 2]);
+        for part in parts {
+            let arms = arm_shares(&SkinWeight::rigid(part.bone()));
+            let reference = body.keypoints[*part as usize];
+            let reshaped = frame.rates(reference, arms);
+            let reference = shared.reshaped(reference, reshaped);
+            point += posed.carry(part.bone(), reference) * share;
+            let rotation = posed.transforms[part.bone() as usize].matrix3;
+            for (sum, rate) in rates.iter_mut().zip(reshaped) {
+                *sum += rotation * rate * share;
+            }
+        }
+        let shares = shares(parts.iter().map(|part| (part.bone(), share)));
         let residual = camera.project(point) - seen;
         let scaled = residual / sigma_px;
         let robust = 1.0 / (1.0 + scaled.abs().max_element().powi(2) / KEYPOINT_WIDTH.powi(2));
@@ -183,26 +233,17 @@ fn add_keypoints(
         let gradients = camera.project_gradients(point);
         for (gradient, residual) in gradients.into_iter().zip(residual.to_array()) {
             fill_row(motions, &shares, gradient, point, &mut row, &mut active);
-            normal.add(&active, &row, residual, weight);
+            fill_shared(view, gradient, point, rates, &mut row, &mut active);
+            equations.add(&active, &row, residual, weight);
         }
     }
 }
 
-impl Body<'_> {
-    /// A keypoint of the posed body in the room, and by which share each bone moves it
-    fn room_joint(&self, posed: &PosedBones, joint: Joint) -> (DVec3, [f64; Bone::COUNT]) {
-        let carry = |j: Joint| posed.carry(j.bone(), self.keypoints[j as usize]);
-        let middle = |left: Joint, right: Joint| {
-            let point = (carry(left) + carry(right)) / 2.0;
-            (
-                point,
-                shares([(left.bone(), 0.5), (right.bone(), 0.5)].into_iter()),
-            )
-        };
-        match joint {
-            Joint::Neck => middle(Joint::LeftShoulder, Joint::RightShoulder),
-            Joint::MidHip => middle(Joint::LeftHip, Joint::RightHip),
-            _ => (carry(joint), shares(std::iter::once((joint.bone(), 1.0)))),
-        }
+/// The joints in whose middle a joint lies
+fn joint_parts(joint: Joint) -> &'static [Joint] {
+    match joint {
+        Joint::Neck => &[Joint::LeftShoulder, Joint::RightShoulder],
+        Joint::MidHip => &[Joint::LeftHip, Joint::RightHip],
+        _ => &Joint::ALL[joint as usize..=joint as usize],
     }
 }

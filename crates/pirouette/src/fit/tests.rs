@@ -68,16 +68,15 @@ impl Seen {
             .collect()
     }
 
+    fn prior(&self) -> FitPrior {
+        FitPrior {
+            stature_mm: Some(self.stature_mm),
+            ..FitPrior::default()
+        }
+    }
+
     fn fit(&self, start: &Avatar, options: &FitOptions) -> Fit {
-        let stature_mm = Some(self.stature_mm);
-        fit_body(
-            start,
-            &Pose::default(),
-            &self.views(),
-            stature_mm,
-            options,
-            &|| false,
-        )
+        fit_body(start, &self.views(), &self.prior(), options, &|| false)
     }
 }
 
@@ -209,19 +208,47 @@ fn two_views_and_empty_silhouettes_still_give_a_closed_body() {
 }
 
 #[test]
+fn a_camera_that_was_taken_for_another_is_found() {
+    let truth = figure(Sex::Female, 62.0);
+    let seen = Seen::still(&truth, 8);
+    let mut views = seen.views();
+    for view in &mut views {
+        view.camera.distance_mm += 25.0;
+        view.camera.pitch_radians += 0.4_f64.to_radians();
+    }
+    let fit = |camera: CameraSpread| {
+        let prior = FitPrior {
+            camera,
+            ..seen.prior()
+        };
+        fit_body(&truth, &views, &prior, &quick(), &|| false)
+    };
+    let held = fit(CameraSpread::default());
+    assert_eq!(held.cameras[0], views[0].camera);
+    let found = fit(CameraSpread {
+        distance_mm: 100.0,
+        height_mm: 0.0,
+        pitch_radians: 1.0_f64.to_radians(),
+    });
+    let (camera, expected) = (found.cameras[0], seen.camera);
+    let off_mm = camera.distance_mm - expected.distance_mm;
+    let off_degrees = (camera.pitch_radians - expected.pitch_radians).to_degrees();
+    assert!(off_mm.abs() < 8.0, "{off_mm}");
+    assert!(off_degrees.abs() < 0.1, "{off_degrees}");
+    assert!(found.cameras.iter().all(|c| *c == camera));
+    assert!((camera.height_mm - expected.height_mm).abs() < 1e-12);
+    let (held, found) = (
+        mean_distance(&held.avatar, &truth),
+        mean_distance(&found.avatar, &truth),
+    );
+    assert!(found < 2.0 && found < 0.6 * held, "{found} {held}");
+}
+
+#[test]
 fn a_cancelled_fit_comes_back_at_once_as_it_started() {
     let truth = figure(Sex::Female, 62.0);
     let seen = Seen::still(&truth, 3);
-    let stature_mm = Some(seen.stature_mm);
-    let views = seen.views();
-    let fit = fit_body(
-        &truth,
-        &Pose::default(),
-        &views,
-        stature_mm,
-        &quick(),
-        &|| true,
-    );
+    let fit = fit_body(&truth, &seen.views(), &seen.prior(), &quick(), &|| true);
     assert!(mean_distance(&fit.avatar, &truth) < 1e-9);
 }
 
@@ -255,6 +282,7 @@ fn outline_targets_lead_from_the_photo_to_the_reference_pose() {
     let fit = Fit {
         avatar: truth.clone(),
         poses: vec![pose],
+        cameras: vec![seen.camera],
         silhouette_ious: vec![1.0],
         residual_px: 0.0,
     };

@@ -176,7 +176,7 @@ pub fn run(
     let mut job = Job::new(scan, config, cancel, tell);
     job.check_left(scan.views.len())?;
     let avatar = job.make_avatar()?;
-    let bundle = job.find_skeleton(&avatar)?;
+    let mut bundle = job.find_skeleton(&avatar)?;
     let priors = job.render_priors(bundle.as_ref())?;
     let mut views = job.segment(&priors)?;
     drop(priors);
@@ -186,17 +186,21 @@ pub fn run(
     let mut hull = None;
     let mut body = None;
     let mut measurements = None;
-    if let Some(bundle) = &bundle
+    if let Some(bundle) = &mut bundle
         && config.goal >= Goal::Normalize
     {
         let mut fit = match config.method {
             Method::Fit => {
                 let (fit, figure) = job.fit(bundle, &mut views)?;
+                if let Some(camera) = fit.cameras.first() {
+                    bundle.move_cameras(camera);
+                }
                 start = figure;
                 Some(fit)
             }
             Method::ThreeStep => None,
         };
+        let bundle = &*bundle;
         if let Some(fit) = &fit
             && config.goal >= Goal::Reconstruct
         {
@@ -251,10 +255,12 @@ pub fn run(
 /// Leaves out what a fit holds about views that were dropped since; `fitted` and `left` are places in the scan
 fn keep_views(fit: &mut Fit, fitted: &[usize], left: &[usize]) {
     let mut keep = fitted.iter().map(|index| left.contains(index));
-    let mut keep_too = keep.clone();
+    let mut keep_camera = keep.clone();
+    let mut keep_iou = keep.clone();
     fit.poses.retain(|_| keep.next().unwrap_or(false));
+    fit.cameras.retain(|_| keep_camera.next().unwrap_or(false));
     fit.silhouette_ious
-        .retain(|_| keep_too.next().unwrap_or(false));
+        .retain(|_| keep_iou.next().unwrap_or(false));
 }
 
 #[cfg(test)]
@@ -263,6 +269,7 @@ mod tests {
 
     use super::*;
     use crate::avatar::mannequin::{MannequinParameters, mannequin};
+    use crate::camera::Camera;
     use crate::pose::Pose;
 
     #[test]
@@ -271,14 +278,24 @@ mod tests {
             shift_mm: DVec3::X * x,
             ..Pose::default()
         };
+        let camera = |height_mm: f64| Camera {
+            width_px: 8,
+            height_px: 10,
+            vertical_fov_radians: 0.8,
+            height_mm,
+            distance_mm: 2400.0,
+            pitch_radians: 0.0,
+        };
         let mut fit = Fit {
             avatar: mannequin(&MannequinParameters::default()).unwrap(),
             poses: vec![pose(0.0), pose(2.0), pose(3.0), pose(5.0)],
+            cameras: [0.0, 2.0, 3.0, 5.0].map(camera).to_vec(),
             silhouette_ious: vec![0.0, 0.2, 0.3, 0.5],
             residual_px: 1.0,
         };
         keep_views(&mut fit, &[0, 2, 3, 5], &[0, 3, 5]);
         assert_eq!(fit.poses, [pose(0.0), pose(3.0), pose(5.0)]);
+        assert_eq!(fit.cameras, [0.0, 3.0, 5.0].map(camera));
         assert_eq!(fit.silhouette_ious, [0.0, 0.3, 0.5]);
     }
 }

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use crate::avatar::Avatar;
 use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
-use crate::fit::{FitOptions, FitView, fit_body, rigid_residual};
+use crate::fit::{FitOptions, FitPrior, FitView, fit_body, rigid_residual};
 use crate::pipeline::ViewReport;
 use crate::pose::Pose;
 use crate::scan::{CameraSetup, Scan};
@@ -74,9 +74,12 @@ pub(super) fn choose_start(
     };
     let rough = fit_body(
         &bundle.avatar,
-        &bundle.posture,
         &fit_views(bundle, views, &poses, stature_mm),
-        Some(stature_mm),
+        &FitPrior {
+            posture: bundle.posture,
+            stature_mm: Some(stature_mm),
+            ..FitPrior::default()
+        },
         &FitOptions::trial(),
         cancelled,
     );
