@@ -134,9 +134,21 @@ pub struct Handles {
     pub targets: Vec<DVec2>,
 }
 
-/// Spreads handles along all bones whose joints are known before and after, and over the face
+/// Elbow, wrist and bone of the arms, whose hands turn with the forearm
+const HANDS: [(Joint, Joint, Bone); 2] = [
+    (Joint::RightElbow, Joint::RightWrist, Bone::RightForearm),
+    (Joint::LeftElbow, Joint::LeftWrist, Bone::LeftForearm),
+];
+
+/// The handle of a hand lies so far beyond the wrist, in lengths of the forearm, the longer one of before and after
 ///
-/// `used` tells which bones count. Lines that go on into the hand gain nothing: where the hand points is not known.
+/// Without it, hands turn by a few degrees of their own where a forearm changes its length. Much farther, and it lies
+/// beside a bent hand, where it does not count.
+const HAND_HANDLE: f64 = 0.3;
+
+/// Spreads handles along all bones whose joints are known before and after, into the hands, and over the face
+///
+/// `used` tells which bones count. Where a hand points is not known; it turns with the forearm.
 pub fn handles(from: &JointPositions, to: &JointPositions, used: impl Fn(Bone) -> bool) -> Handles {
     let mut handles = Handles::default();
     for bone in HANDLE_BONES.into_iter().filter(|line| used(line.seen_as)) {
@@ -153,6 +165,20 @@ pub fn handles(from: &JointPositions, to: &JointPositions, used: impl Fn(Bone) -
             let t = i as f64 / steps as f64;
             handles.sources.push(source_a.lerp(source_b, t));
             handles.targets.push(target_a.lerp(target_b, t));
+        }
+    }
+    for (elbow, wrist, _) in HANDS.into_iter().filter(|hand| used(hand.2)) {
+        let ends = |joints: &JointPositions| {
+            let (elbow, wrist) = (joints[elbow as usize]?, joints[wrist as usize]?);
+            let forearm = wrist - elbow;
+            Some((wrist, forearm.length(), forearm.try_normalize()?))
+        };
+        if let (Some((source, one, from)), Some((target, other, to))) = (ends(from), ends(to))
+            && (source + target).is_finite()
+        {
+            let reach = HAND_HANDLE * one.max(other);
+            handles.sources.push(source + reach * from);
+            handles.targets.push(target + reach * to);
         }
     }
     for joint in FACE.into_iter().filter(|_| used(Bone::Head)) {

@@ -13,6 +13,8 @@
 
 pub mod align;
 pub mod deform;
+mod descent;
+mod parts;
 pub mod refine;
 pub mod register;
 
@@ -270,7 +272,7 @@ pub fn normalize(
     let mut registered = aligned;
     let mut motion = RigidMotion::IDENTITY;
     if let (Some(map), Some(options)) = (&reference_map, &options.register) {
-        let found = register::register(&contour_points(&contours), map, options);
+        let found = register::register(&contour_points(&contours), &aligned, map, options);
         motion = found.motion();
         registered = aligned.map(|joint| joint.map(|p| motion.apply(p)));
         move_contours(&mut contours, &motion);

@@ -7,19 +7,32 @@
 use glam::DVec2;
 use pirouette_geom::chain::{Chain, RigidMotion};
 
+use super::descent::{Softness, descend};
+use super::parts::{Bones, Part};
 use super::register::{ReferenceContourMap, offsets, scattered};
 use crate::skeleton::Joint;
 
 /// Where joints lie in a silhouette, in px, indexed by `Joint as usize`; `None` where unknown
 pub type JointPositions = [Option<DVec2>; Joint::COUNT];
 
-/// How far the hand reaches beyond the wrist, in lengths of the forearm
-///
-/// A stretched hand has about 0.75 of the length from elbow to wrist; relaxed fingers bend a little.
-const HAND_LENGTH: f64 = 0.7;
-
 /// Bones shorter than this have no direction to speak of, in px
 const MIN_BONE_PX: f64 = 2.0;
+
+/// The walk down the slope
+const WALK: [Softness; 3] = [
+    Softness {
+        px: 1.0,
+        rounds: 12,
+    },
+    Softness {
+        px: 0.3,
+        rounds: 12,
+    },
+    Softness {
+        px: 0.1,
+        rounds: 12,
+    },
+];
 
 /// An arm or a leg, the person's own side
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -57,7 +70,7 @@ impl Limb {
     }
 
     /// Joints beyond the end of the chain that move with its last bone
-    fn carried(self) -> &'static [Joint] {
+    pub(super) fn carried(self) -> &'static [Joint] {
         use Joint::*;
         match self {
             Limb::LeftArm | Limb::RightArm => &[],
@@ -83,6 +96,8 @@ pub struct RefineOptions {
     ///
     /// Nearer to 1 finds its way through more local minima, and needs more rounds for the same precision.
     pub shrink: f64,
+    /// Whether both angles walk on down the slope of the distance map from the best that was tried
+    pub descend: bool,
     /// Contour points farther from their bone than this are left out, in lengths of the limb
     ///
     /// Below 0.15 full thighs lose their contour; much above, the trunk's contour pulls at the limbs.
@@ -102,13 +117,14 @@ pub struct RefineOptions {
 }
 
 impl Default for RefineOptions {
-    /// 25 degrees each way at first, 0.02 degrees between candidates at last
+    /// 25 degrees each way at first, a degree between candidates at last, and from there down the slope
     fn default() -> Self {
         Self {
-            rounds: 18,
+            rounds: 6,
             steps_each_way: 5,
             step_radians: 5f64.to_radians(),
             shrink: 0.72,
+            descend: true,
             reach: 0.2,
             joint_margin: 0.15,
             min_points: 12,
@@ -153,8 +169,8 @@ pub struct Refinement {
 /// Zwettler et al. 2021, eq. 5 to 7, read as: contour points of the first bone are rotated by alpha about
 /// the chain's root (5), those of the second bone by alpha about the root and by beta about the middle
 /// joint (6); the fitness is the mean of the reference contour's distance map at the limb's points (7); the
-/// search is that of the registration, with finer last steps. All combinations are tried, since turning one
-/// angle at a time gets stuck where a wrong elbow makes up for a wrong shoulder.
+/// search is that of the registration. All combinations are tried, since turning one angle at a time gets stuck where a
+/// wrong elbow makes up for a wrong shoulder; the walk down the slope at the end is ours.
 pub fn refine(
     contour: &[DVec2],
     joints: &JointPositions,
@@ -235,6 +251,31 @@ fn search(
         }
         step *= options.shrink;
     }
+    if options.descend {
+        let (angles, _) = descend(best.0, &WALK, |angles, pull| {
+            let bent = chain.bent(angles);
+            let motions = bent.motions_from(chain);
+            let joints = bent.joints();
+            for (bone, motion) in motions.iter().enumerate() {
+                let turn = DVec2::from_angle(motion.rotation_radians);
+                for &point in &points[bone] {
+                    let place = turn.rotate(point) + motion.translation;
+                    if let Some((distance, slope)) = reference.signed_with_slope(place) {
+                        let upper = slope.dot((place - joints[UPPER]).perp());
+                        let lower = match bone {
+                            UPPER => 0.0,
+                            _ => slope.dot((place - joints[LOWER]).perp()),
+                        };
+                        pull.add(distance, [upper, lower]);
+                    }
+                }
+            }
+        });
+        let found = fitness(angles, best.1);
+        if found < best.1 {
+            best = (angles, found);
+        }
+    }
     let count = (points[UPPER].len() + points[LOWER].len()) as f64;
     if before - best.1 < options.min_gain_px * count {
         best = ([0.0; 2], before);
@@ -250,40 +291,13 @@ fn search(
     }
 }
 
-/// A part of a limb
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Part {
-    Upper,
-    Lower,
-    /// Hand or foot, carried by the lower bone
-    End,
-}
-
-/// A bone as it competes for contour points
-struct Segment {
-    head: DVec2,
-    tip: DVec2,
-    /// The limb it belongs to with its part there, none for the trunk and the head
-    owner: Option<(Limb, Part)>,
-}
-
-impl Segment {
-    /// Distance of a point, and how far along the segment the nearest place is, 0 to 1
-    fn distance(&self, point: DVec2) -> (f64, f64) {
-        let along = self.tip - self.head;
-        let length_squared = along.length_squared().max(f64::MIN_POSITIVE);
-        let t = ((point - self.head).dot(along) / length_squared).clamp(0.0, 1.0);
-        (point.distance(self.head + t * along), t)
-    }
-}
-
 /// The contour points of each limb, by bone
 fn assign(
     points: &[DVec2],
     joints: &JointPositions,
     options: &RefineOptions,
 ) -> [[Vec<DVec2>; 2]; 4] {
-    let segments = segments(joints);
+    let bones = Bones::new(joints);
     let limits = Limb::ALL.map(|limb| {
         let chain = limb_chain(limb, joints);
         chain.map_or(0.0, |c| {
@@ -292,13 +306,13 @@ fn assign(
     });
     let mut parts: [[Vec<DVec2>; 2]; 4] = Default::default();
     for &point in points {
-        let nearest = segments
-            .iter()
-            .map(|segment| (segment.distance(point), segment.owner))
-            .min_by(|((a, _), _), ((b, _), _)| a.total_cmp(b));
-        let Some(((distance, t), Some((limb, part)))) = nearest else {
+        let Some(nearest) = bones.nearest(point) else {
             continue;
         };
+        let Some((limb, part)) = nearest.owner else {
+            continue;
+        };
+        let (distance, t) = (nearest.distance, nearest.along);
         let margin = options.joint_margin;
         let (bone, at_joint) = match part {
             Part::Upper => (UPPER, t <= margin || t >= 1.0 - margin),
@@ -310,58 +324,6 @@ fn assign(
         }
     }
     parts
-}
-
-/// All bones of the skeleton whose joints are known; the trunk also along its sides
-fn segments(joints: &JointPositions) -> Vec<Segment> {
-    use Joint::*;
-    const TRUNK: [(Joint, Joint); 11] = [
-        (Neck, MidHip),
-        (Neck, LeftShoulder),
-        (Neck, RightShoulder),
-        (MidHip, LeftHip),
-        (MidHip, RightHip),
-        // The sides: without them, the flanks would be nearer to the arms than to the spine
-        (LeftShoulder, LeftHip),
-        (RightShoulder, RightHip),
-        (Neck, Nose),
-        (Nose, LeftEar),
-        (Nose, RightEar),
-        (LeftEar, RightEar),
-    ];
-    let at = |joint: Joint| joints[joint as usize];
-    let mut segments: Vec<Segment> = TRUNK
-        .iter()
-        .filter_map(|&(head, tip)| {
-            Some(Segment {
-                head: at(head)?,
-                tip: at(tip)?,
-                owner: None,
-            })
-        })
-        .collect();
-    for limb in Limb::ALL {
-        let [root, middle, end] = limb.joints().map(at);
-        let mut add = |head: Option<DVec2>, tip: Option<DVec2>, part: Part| {
-            if let (Some(head), Some(tip)) = (head, tip) {
-                let owner = Some((limb, part));
-                segments.push(Segment { head, tip, owner });
-            }
-        };
-        add(root, middle, Part::Upper);
-        add(middle, end, Part::Lower);
-        for &joint in limb.carried() {
-            add(end, at(joint), Part::End);
-        }
-        if let (Limb::LeftArm | Limb::RightArm, Some(middle), Some(end)) = (limb, middle, end) {
-            add(
-                Some(end),
-                Some(end + HAND_LENGTH * (end - middle)),
-                Part::End,
-            );
-        }
-    }
-    segments
 }
 
 #[cfg(test)]

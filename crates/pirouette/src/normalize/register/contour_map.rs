@@ -96,6 +96,31 @@ impl ReferenceContourMap {
         }
     }
 
+    /// Signed distance of a place to the contour, in px, negative inside, and the direction in which it grows
+    ///
+    /// Beyond the image, distances are counted from its border on, all of them positive. `None` without a contour, or
+    /// for a place that is not a number.
+    pub(in crate::normalize) fn signed_with_slope(&self, point: DVec2) -> Option<(f64, DVec2)> {
+        let map = self.signed.as_ref()?;
+        let last = DVec2::new((map.width() - 1) as f64, (map.height() - 1) as f64);
+        let at = point + 0.5;
+        let place = at.clamp(DVec2::ZERO, last);
+        if place != at {
+            let out = (at - place).try_normalize()?;
+            return Some((self.distance_px(point), out));
+        }
+        let x = (place.x as usize).min(map.width() - 2);
+        let y = (place.y as usize).min(map.height() - 2);
+        let t = place - DVec2::new(x as f64, y as f64);
+        let start = y * map.width() + x;
+        let upper = &map.as_slice()[start..start + 2];
+        let lower = &map.as_slice()[start + map.width()..start + map.width() + 2];
+        let [a, b, c, d] = [upper[0], upper[1], lower[0], lower[1]].map(f64::from);
+        let (top, bottom) = (a + (b - a) * t.x, c + (d - c) * t.x);
+        let across = (b - a) + ((d - c) - (b - a)) * t.y;
+        Some((top + (bottom - top) * t.y, DVec2::new(across, bottom - top)))
+    }
+
     /// Sum of the distances of shifted points; gives up as soon as the sum reaches `limit`
     pub(in crate::normalize) fn total_distance(
         &self,
