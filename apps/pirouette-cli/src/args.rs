@@ -238,11 +238,42 @@ pub struct ArapArgs {
 
 /// Arguments of `eval`
 #[derive(Debug, Args)]
-#[command(arg_required_else_help = true)]
+#[command(args_conflicts_with_subcommands = true)]
 pub struct EvalArgs {
-    /// The table to make
+    /// Another table than the published ones
     #[command(subcommand)]
-    pub table: EvalTable,
+    pub table: Option<EvalTable>,
+
+    #[command(flatten)]
+    pub published: EvalPublishedArgs,
+}
+
+/// Arguments of the published tables
+#[derive(Debug, Args)]
+pub struct EvalPublishedArgs {
+    /// A look of less than a minute at few people, instead of all within ten minutes
+    #[arg(long)]
+    pub quick: bool,
+
+    /// Exit with 1 and name each figure that falls short of what it must reach
+    #[arg(long)]
+    pub check: bool,
+
+    /// Only these experiments
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = pirouette_eval::published::names())]
+    pub only: Vec<String>,
+
+    /// Folders of photos with truth, or folders of such folders, segmented and scored besides
+    #[arg(long, value_name = "DIR", num_args = 1..)]
+    pub photos: Vec<PathBuf>,
+
+    /// Write a page with all pictures in it
+    #[arg(long, value_name = "FILE.html")]
+    pub html: Option<PathBuf>,
+
+    /// Write a page whose pictures go to a folder of its name beside it
+    #[arg(long, value_name = "FILE.md")]
+    pub markdown: Option<PathBuf>,
 }
 
 /// What is evaluated
@@ -440,9 +471,14 @@ Examples:
   pirouette arap --mesh square.off --source from.csv --target to.csv -o deformed.off";
 
 const EVAL_HELP: &str = "\
-All studies have fixed seeds: the same table on every machine.
+Without a table: the results published by Zwettler et al. (VISAPP 2021), run again on rendered people, beside the
+published figures, with what becomes of them when a part of the method is left out. All studies have fixed seeds.
 
 Examples:
+  pirouette eval --quick
+  pirouette eval --check --html results.html
+  pirouette eval --only registration,refinement --json
+  pirouette eval --photos street
   pirouette eval bodies --quick
   pirouette eval ablation
   pirouette eval scans pirouette-demo/scan";

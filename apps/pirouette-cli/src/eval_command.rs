@@ -1,6 +1,7 @@
 //! `pirouette eval`: studies on rendered people, and scores against truth.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
+use pirouette::io::atomic::{make_folder, write_whole};
 use pirouette::io::mesh::MeshFormat;
 use pirouette::io::results::ResultOptions;
 use pirouette::pipeline::{CancelToken, Goal};
@@ -9,11 +10,13 @@ use pirouette_eval::bodies::{self, BodiesOptions};
 use pirouette_eval::folders::{
     name_of, photo_table, scan_table, score_photos, score_scan, with_truth,
 };
+use pirouette_eval::published::{self, Effort};
 use pirouette_eval::{Step, StudyError};
 use serde_json::{Value, json};
 
 use crate::args::{
-    EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalPhotosArgs, EvalScansArgs, EvalTable,
+    EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalPhotosArgs, EvalPublishedArgs, EvalScansArgs,
+    EvalTable,
 };
 use crate::output::Output;
 use crate::progress::Progress;
@@ -23,14 +26,61 @@ use crate::scan_command::{config, scan_folder};
 pub fn run(args: &EvalArgs, output: Output, quiet: bool, cancel: &CancelToken) -> Result<()> {
     let progress = Progress::new(quiet);
     let made = match &args.table {
-        EvalTable::Bodies(args) => eval_bodies(args, &progress, cancel),
-        EvalTable::Ablation(args) => eval_ablation(args, &progress, cancel),
-        EvalTable::Scans(args) => eval_scans(args, &progress, cancel),
-        EvalTable::Photos(args) => eval_photos(args, &progress, cancel),
+        None => eval_published(&args.published, output, &progress, cancel),
+        Some(EvalTable::Bodies(args)) => eval_bodies(args, &progress, cancel),
+        Some(EvalTable::Ablation(args)) => eval_ablation(args, &progress, cancel),
+        Some(EvalTable::Scans(args)) => eval_scans(args, &progress, cancel),
+        Some(EvalTable::Photos(args)) => eval_photos(args, &progress, cancel),
     };
     progress.finish();
     let (text, value) = made?;
     output.done(&text, || value)
+}
+
+/// The published results, ours beside them
+fn eval_published(
+    args: &EvalPublishedArgs,
+    output: Output,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<(String, Value)> {
+    let options = published::Options {
+        effort: if args.quick {
+            Effort::Quick
+        } else {
+            Effort::Whole
+        },
+        only: args.only.clone(),
+        photos: args.photos.clone(),
+    };
+    let results = published::run(&options, cancel, &mut |step| show(progress, &step))?;
+    if let Some(file) = &args.html {
+        write_whole(file, published::web_page(&results)?.as_bytes())?;
+    }
+    if let Some(file) = &args.markdown {
+        let folder = file.with_extension("");
+        let name = name_of(&folder);
+        let page = published::markdown(&results, &name)?;
+        make_folder(&folder)?;
+        for (name, bytes) in &page.pictures {
+            write_whole(&folder.join(name), bytes)?;
+        }
+        write_whole(file, page.text.as_bytes())?;
+    }
+    let short = results.shortfalls();
+    if args.check && !short.is_empty() {
+        // What was found is told all the same, but to people: programs get one line.
+        if output == Output::Text {
+            progress.finish();
+            output.done(&results.to_string(), || Value::Null)?;
+        }
+        bail!("short of the goals: {}", short.join("; "));
+    }
+    let mut value = json!({ "ok": true, "table": "published", "short": short });
+    if let (Value::Object(value), Value::Object(found)) = (&mut value, results.to_json()) {
+        value.extend(found);
+    }
+    Ok((results.to_string(), value))
 }
 
 fn eval_bodies(

@@ -58,10 +58,41 @@ fn folders_without_truth_are_refused() {
 }
 
 #[test]
-fn a_study_without_people_has_no_table_and_eval_alone_is_wrong_usage() {
+fn a_study_without_people_has_no_table_and_wrong_usage_is_told() {
     let args = ["eval", "bodies", "--people", "0", "--photo-people", "0"];
     pirouette(&args).exits_with(1);
-    pirouette(&["eval"]).exits_with(2);
+    pirouette(&["eval", "--only", "everything"]).exits_with(2);
+    pirouette(&["eval", "--quick", "bodies"]).exits_with(2);
     pirouette(&["eval", "bodies", "--views", "2"]).exits_with(2);
     pirouette(&["eval", "bodies", "--noise", "-1"]).exits_with(2);
+}
+
+#[test]
+fn a_published_table_is_run_again_checked_and_written() {
+    let folders = Folders::with_views(3);
+    let file = folders.scan().join("results.md");
+    let html = folders.scan().join("results.html");
+    let args = [
+        "eval",
+        "--quick",
+        "--check",
+        "--json",
+        "--only",
+        "refinement",
+        "--markdown",
+        text(&file),
+        "--html",
+        text(&html),
+    ];
+    let found = pirouette(&args).exits_with(0).json_line();
+    assert_eq!(found["short"].as_array().unwrap().len(), 0, "{found}");
+    assert_eq!(found["figures"].as_array().unwrap().len(), 2);
+    let page = std::fs::read_to_string(&file).unwrap();
+    assert!(page.contains("](results/refinement-0.png)"), "{page}");
+    assert!(file.with_extension("").join("refinement-0.png").is_file());
+    assert!(
+        std::fs::read_to_string(&html)
+            .unwrap()
+            .ends_with("</html>\n")
+    );
 }

@@ -1,13 +1,14 @@
 //! How accurate pirouette is: studies on rendered people, and scores of results against truth.
 //!
 //! Every table is a function with fixed seeds: [`bodies::study`], [`ablation::study`], [`folders::score_scan`],
-//! [`folders::score_photos`]. The definitions of the scores are in [`score`]. Rendered people are not people: studies
+//! [`folders::score_photos`], and the experiments of [`published::run`]. The definitions of the scores are in [`score`]. Rendered people are not people: studies
 //! find what is weak and what a change does, they are no claim about photos of anybody.
 
 pub mod ablation;
 pub mod bodies;
 pub mod folders;
 pub mod people;
+pub mod published;
 pub mod score;
 pub mod table;
 mod trial;

@@ -8,3 +8,4 @@
 pub mod girth;
 pub mod masks;
 pub mod surface;
+pub mod volume;

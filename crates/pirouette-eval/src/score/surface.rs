@@ -43,29 +43,14 @@ pub struct SurfaceError {
 /// # Source
 /// P. Besl, N. McKay 1992, "A method for registration of 3-D shapes", trimmed.
 pub fn surface_error(body: &TriMesh, truth: &TriMesh) -> Option<SurfaceError> {
-    let (body, truth) = (on_the_floor(body)?, on_the_floor(truth)?);
-    let (samples, true_samples) = (sample(&body, 1), sample(&truth, 2));
-    let still = NearestSurface::new(&truth);
-    let mut motion = Motion::default();
-    let followers: Vec<DVec3> = samples.iter().step_by(ALIGN_STEP).map(|s| s.1).collect();
-    let leaders = points_only(&true_samples);
-    for _ in 0..ROUNDS {
-        let step = align_step(&followers, &motion, &leaders)?;
-        motion = step.after(&motion);
-        let settled = step.shift.length() + step.angle.abs() * body.bounds()?.1.y;
-        if settled < SETTLED_MM {
-            break;
-        }
-    }
+    let aligned = Aligned::new(body, truth)?;
+    let (samples, true_samples) = (&aligned.samples, &aligned.true_samples);
+    let still = NearestSurface::new(&aligned.truth);
+    let moved = NearestSurface::new(&aligned.body);
     let to_truth: Vec<f64> = samples
         .par_iter()
-        .filter_map(|(_, p)| Some(still.nearest(motion.carry(*p))?.distance))
+        .filter_map(|p| Some(still.nearest(*p)?.distance))
         .collect();
-    let moved = TriMesh {
-        positions: body.positions.iter().map(|p| motion.carry(*p)).collect(),
-        triangles: body.triangles.clone(),
-    };
-    let moved = NearestSurface::new(&moved);
     let from_truth: Vec<(usize, f64)> = true_samples
         .par_iter()
         .filter_map(|(triangle, p)| Some((*triangle, moved.nearest(*p)?.distance)))
@@ -76,6 +61,53 @@ pub fn surface_error(body: &TriMesh, truth: &TriMesh) -> Option<SurfaceError> {
         p95_mm: percentile(&to_truth, 0.95)?.max(percentile(&back, 0.95)?),
         from_truth,
     })
+}
+
+/// Two bodies, brought together as well as a shift and a turn about the vertical can
+pub(crate) struct Aligned {
+    pub(crate) body: TriMesh,
+    pub(crate) truth: TriMesh,
+    /// Points on the body
+    samples: Vec<DVec3>,
+    /// Points on the true body, with their triangles
+    true_samples: Vec<(usize, DVec3)>,
+}
+
+impl Aligned {
+    /// `None` when one has no surface
+    pub(crate) fn new(body: &TriMesh, truth: &TriMesh) -> Option<Self> {
+        let (body, truth) = (on_the_floor(body)?, on_the_floor(truth)?);
+        let (samples, true_samples) = (sample(&body, 1), sample(&truth, 2));
+        let motion = best_motion(&body, &samples, &true_samples)?;
+        Some(Self {
+            body: TriMesh {
+                positions: body.positions.iter().map(|p| motion.carry(*p)).collect(),
+                triangles: body.triangles,
+            },
+            truth,
+            samples: samples.iter().map(|(_, p)| motion.carry(*p)).collect(),
+            true_samples,
+        })
+    }
+}
+
+fn best_motion(
+    body: &TriMesh,
+    samples: &[(usize, DVec3)],
+    true_samples: &[(usize, DVec3)],
+) -> Option<Motion> {
+    let mut motion = Motion::default();
+    let followers: Vec<DVec3> = samples.iter().step_by(ALIGN_STEP).map(|s| s.1).collect();
+    let leaders = points_only(true_samples);
+    for _ in 0..ROUNDS {
+        let step = align_step(&followers, &motion, &leaders)?;
+        motion = step.after(&motion);
+        let settled = step.shift.length() + step.angle.abs() * body.bounds()?.1.y;
+        if settled < SETTLED_MM {
+            break;
+        }
+    }
+    Some(motion)
 }
 
 /// The mesh without unused vertices, lowest point at y = 0; `None` without an area
