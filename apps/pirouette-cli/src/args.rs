@@ -251,6 +251,9 @@ pub enum EvalTable {
     /// Scan random people whose bodies are known: surface and girths by views and noise
     #[command(after_help = EVAL_BODIES_HELP)]
     Bodies(EvalBodiesArgs),
+    /// Measure random people whose tape measures are known, and write the page docs/accuracy.md about it
+    #[command(after_help = EVAL_TAPES_HELP)]
+    Tapes(EvalTapesArgs),
     /// Scan photographed people with one part of the method off at a time
     #[command(after_help = EVAL_ABLATION_HELP)]
     Ablation(EvalAblationArgs),
@@ -283,6 +286,30 @@ pub struct EvalBodiesArgs {
     pub noise: Option<Vec<f64>>,
 
     /// A look of about a minute instead of the whole study
+    #[arg(long)]
+    pub quick: bool,
+}
+
+/// Arguments of `eval tapes`
+#[derive(Debug, Args)]
+pub struct EvalTapesArgs {
+    /// People, both from photos and by exact silhouettes [default: 60, with --quick 4 and 2]
+    #[arg(long, value_name = "N")]
+    pub people: Option<usize>,
+
+    /// Numbers of views, by exact silhouettes [default: 7,8,9,12,16,36, with --quick 8,9]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u16).range(3..=72))]
+    pub views: Option<Vec<u16>>,
+
+    /// Seed of the first person [default: 1001; the method was made with people from 1 on]
+    #[arg(long, value_name = "N")]
+    pub first_seed: Option<u64>,
+
+    /// Folder for accuracy.md and its pictures; without it, the tables are printed only
+    #[arg(short, long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+
+    /// A look of a minute instead of the whole study of half an hour
     #[arg(long)]
     pub quick: bool,
 }
@@ -456,6 +483,15 @@ Examples:
   pirouette eval bodies --quick
   pirouette eval bodies --people 10 --views 8 --noise 0.5,1,2
   pirouette eval bodies --json > bodies.json";
+
+const EVAL_TAPES_HELP: &str = "\
+Bias, spread, mean and 90th percentile of the errors, repeatability, and whether the deviations told with the values are
+honest, per measure; beside them limits and figures of others.
+
+Examples:
+  pirouette eval tapes --quick
+  pirouette eval tapes -o docs
+  pirouette eval tapes --people 20 --views 8,9,12 --json > tapes.json";
 
 const EVAL_ABLATION_HELP: &str = "\
 Examples:

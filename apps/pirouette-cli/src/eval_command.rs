@@ -1,6 +1,7 @@
 //! `pirouette eval`: studies on rendered people, and scores against truth.
 
 use anyhow::{Context, Result};
+use pirouette::io::atomic::write_whole;
 use pirouette::io::mesh::MeshFormat;
 use pirouette::io::results::ResultOptions;
 use pirouette::pipeline::{CancelToken, Goal};
@@ -9,11 +10,13 @@ use pirouette_eval::bodies::{self, BodiesOptions};
 use pirouette_eval::folders::{
     name_of, photo_table, scan_table, score_photos, score_scan, with_truth,
 };
+use pirouette_eval::tapes::{self, TapesOptions};
 use pirouette_eval::{Step, StudyError};
 use serde_json::{Value, json};
 
 use crate::args::{
     EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalPhotosArgs, EvalScansArgs, EvalTable,
+    EvalTapesArgs,
 };
 use crate::output::Output;
 use crate::progress::Progress;
@@ -24,6 +27,7 @@ pub fn run(args: &EvalArgs, output: Output, quiet: bool, cancel: &CancelToken) -
     let progress = Progress::new(quiet);
     let made = match &args.table {
         EvalTable::Bodies(args) => eval_bodies(args, &progress, cancel),
+        EvalTable::Tapes(args) => eval_tapes(args, &progress, cancel),
         EvalTable::Ablation(args) => eval_ablation(args, &progress, cancel),
         EvalTable::Scans(args) => eval_scans(args, &progress, cancel),
         EvalTable::Photos(args) => eval_photos(args, &progress, cancel),
@@ -61,6 +65,47 @@ fn eval_bodies(
         "people": study.people,
     });
     Ok((text, value))
+}
+
+fn eval_tapes(
+    args: &EvalTapesArgs,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<(String, Value)> {
+    let usual = if args.quick {
+        TapesOptions::quick()
+    } else {
+        TapesOptions::default()
+    };
+    let views = |views: &Vec<u16>| views.iter().map(|&v| usize::from(v)).collect();
+    let options = TapesOptions {
+        people: args.people.unwrap_or(usual.people),
+        photo_people: args.people.unwrap_or(usual.photo_people),
+        repeated: args.people.unwrap_or(usual.repeated).min(usual.repeated),
+        views: args.views.as_ref().map_or(usual.views, views),
+        first_seed: args.first_seed.unwrap_or(usual.first_seed),
+    };
+    let study = tapes::study(&options, cancel, &mut |step| show(progress, &step))?;
+    if let Some(folder) = &args.out {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        for (name, text) in [
+            ("accuracy-errors.svg", &study.errors_svg),
+            ("accuracy-views.svg", &study.views_svg),
+            ("accuracy.md", &study.page),
+        ] {
+            write_whole(&folder.join(name), text.as_bytes())?;
+        }
+    }
+    let text: Vec<String> = study.tables.iter().map(ToString::to_string).collect();
+    let tables: Vec<Value> = study.tables.iter().map(|table| table.to_json()).collect();
+    let value = json!({
+        "ok": true,
+        "table": "tapes",
+        "tables": tables,
+        "people": study.people,
+    });
+    Ok((text.join("\n\n"), value))
 }
 
 fn eval_ablation(

@@ -1,6 +1,6 @@
 //! How accurate pirouette is: studies on rendered people, and scores of results against truth.
 //!
-//! Every table is a function with fixed seeds: [`bodies::study`], [`ablation::study`], [`folders::score_scan`],
+//! Every table is a function with fixed seeds: [`bodies::study`], [`tapes::study`], [`ablation::study`], [`folders::score_scan`],
 //! [`folders::score_photos`]. The definitions of the scores are in [`score`]. Rendered people are not people: studies
 //! find what is weak and what a change does, they are no claim about photos of anybody.
 
@@ -10,6 +10,7 @@ pub mod folders;
 pub mod people;
 pub mod score;
 pub mod table;
+pub mod tapes;
 mod trial;
 
 use std::sync::Mutex;

@@ -153,7 +153,14 @@ fn add_measurements(html: &mut String, measurements: &[(Measure, Measured)]) {
     if measurements.is_empty() {
         return;
     }
-    let columns = ["mm", "left", "right", "above the floor", "scatter", "views"];
+    let columns = [
+        "mm",
+        "left",
+        "right",
+        "above the floor",
+        "deviation",
+        "views",
+    ];
     html.push_str("<h2>Measurements</h2>\n<div class=\"wide\"><table>\n<tr><th></th>");
     for column in columns {
         add(html, format_args!("<th class=\"number\">{column}</th>"));
@@ -190,8 +197,10 @@ fn method_text(method: Method) -> &'static str {
     match method {
         Method::Given => "given",
         Method::SupportLines => "outlines of several views",
-        Method::HullSection => "section of the body",
-        Method::Silhouettes => "silhouettes",
+        Method::BodyTape => "section of the body",
+        Method::Combined => "outlines and section of the body",
+        Method::HullSection => "section of the hull",
+        Method::Body => "the body",
         Method::Avatar => "the person's skeleton",
     }
 }
@@ -270,7 +279,11 @@ mod tests {
             right_mm: Some(361.4),
             level_mm: None,
             sd_mm: Some(2.25),
+            scale_sd_mm: None,
             view_count: Some(7),
+            lines: None,
+            body: None,
+            contradicted: false,
         }
     }
 
