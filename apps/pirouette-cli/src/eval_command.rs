@@ -5,6 +5,7 @@ use pirouette::io::atomic::write_whole;
 use pirouette::io::mesh::MeshFormat;
 use pirouette::io::results::ResultOptions;
 use pirouette::pipeline::{CancelToken, Goal};
+use pirouette::sizes::built_in_charts;
 use pirouette_eval::ablation::{self, AblationOptions};
 use pirouette_eval::bodies::{self, BodiesOptions};
 use pirouette_eval::folders::{
@@ -80,6 +81,10 @@ fn eval_tapes(
     let views = |views: &Vec<u16>| views.iter().map(|&v| usize::from(v)).collect();
     let options = TapesOptions {
         people: args.people.unwrap_or(usual.people),
+        view_people: args
+            .people
+            .unwrap_or(usual.view_people)
+            .min(usual.view_people),
         photo_people: args.people.unwrap_or(usual.photo_people),
         repeated: args.people.unwrap_or(usual.repeated).min(usual.repeated),
         views: args.views.as_ref().map_or(usual.views, views),
@@ -133,16 +138,18 @@ fn eval_scans(
     cancel: &CancelToken,
 ) -> Result<(String, Value)> {
     let config = config(&args.method, Goal::Measure)?;
+    let charts = built_in_charts();
     let results = ResultOptions {
         formats: &[MeshFormat::Ply],
         page_title: None,
+        charts: &charts,
     };
     let folders = with_truth(&args.folders)?;
     let mut scores = Vec::new();
     for (index, folder) in folders.iter().enumerate() {
         let out = args.out.join(name_of(folder));
         if !args.keep {
-            scan_folder(folder, &out, &config, &results, progress, cancel)?;
+            scan_folder(folder, &out, &config, None, &results, progress, cancel)?;
         } else if !out.is_dir() {
             return Err(std::io::Error::from(std::io::ErrorKind::NotFound))
                 .with_context(|| format!("no results in {}", out.display()));

@@ -21,8 +21,10 @@ const FIRST_SEED: u64 = 1001;
 /// What is studied
 #[derive(Debug, Clone, PartialEq)]
 pub struct TapesOptions {
-    /// People whose exact silhouettes are given, at each number of views
+    /// People whose exact silhouettes are given, at [`USUAL_VIEWS`]
     pub people: usize,
+    /// Those of them for whom numbers of views are compared
+    pub view_people: usize,
     /// People who are photographed and segmented, at [`USUAL_VIEWS`]
     pub photo_people: usize,
     /// People who are scanned again, swaying and told otherwise, at [`USUAL_VIEWS`]
@@ -40,6 +42,7 @@ impl Default for TapesOptions {
     fn default() -> Self {
         Self {
             people: 60,
+            view_people: 12,
             photo_people: 60,
             repeated: 20,
             views: vec![7, 8, 9, 12, 16, 36],
@@ -53,6 +56,7 @@ impl TapesOptions {
     pub fn quick() -> Self {
         Self {
             people: 4,
+            view_people: 4,
             photo_people: 2,
             repeated: 2,
             views: vec![8, 9],
@@ -140,7 +144,11 @@ pub fn study(
             views,
             ..usual(false, 0)
         };
-        add(options.people, condition);
+        let count = match views {
+            USUAL_VIEWS => options.people,
+            _ => options.view_people,
+        };
+        add(count, condition);
     }
     add(options.photo_people, usual(true, 0));
     add(options.repeated, usual(true, 1));
@@ -425,9 +433,20 @@ fn at_views(views: usize) -> Condition {
     }
 }
 
-fn mae(scanned: &[Scanned], condition: Condition, measure: Measure) -> Option<f64> {
-    let errors = errors(scanned, condition, measure);
-    mean(&errors.iter().map(|e| e.abs()).collect::<Vec<_>>())
+/// Mean absolute error over the people for whom numbers of views are compared
+fn mae(
+    options: &TapesOptions,
+    scanned: &[Scanned],
+    condition: Condition,
+    measure: Measure,
+) -> Option<f64> {
+    let place = Measure::ALL.iter().position(|&m| m == measure)?;
+    let end = options.first_seed + options.view_people as u64;
+    let people = scanned
+        .iter()
+        .filter(|s| s.condition == condition && s.person.seed < end);
+    let errors = people.filter_map(|s| Some(s.found[place]?.error_mm().abs()));
+    mean(&errors.collect::<Vec<_>>())
 }
 
 fn views_table(options: &TapesOptions, scanned: &[Scanned]) -> Table {
@@ -438,12 +457,12 @@ fn views_table(options: &TapesOptions, scanned: &[Scanned]) -> Table {
     let mut columns = vec!["views"];
     columns.extend(names.iter().map(String::as_str));
     let mut table = Table::new(
-        "mean absolute error by number of views, exact silhouettes, in mm",
+        "mean absolute error by number of views, exact silhouettes, the same people",
         &columns,
     );
     for &views in &options.views {
         let mut row = vec![Cell::Number(views as f64, 0)];
-        let of = |m: &Measure| Cell::number(mae(scanned, at_views(views), *m), 1);
+        let of = |m: &Measure| Cell::number(mae(options, scanned, at_views(views), *m), 1);
         row.extend(BY_VIEWS.iter().map(of));
         table.rows.push(row);
     }
@@ -536,7 +555,7 @@ fn recommendation(options: &TapesOptions, scanned: &[Scanned]) -> String {
     let trunk = |views: usize| {
         let errors: Vec<f64> = TRUNK
             .iter()
-            .filter_map(|&m| mae(scanned, at_views(views), m))
+            .filter_map(|&m| mae(options, scanned, at_views(views), m))
             .collect();
         mean(&errors)
     };
@@ -660,7 +679,7 @@ fn views_svg(options: &TapesOptions, scanned: &[Scanned]) -> String {
             .views
             .iter()
             .enumerate()
-            .filter_map(|(i, &v)| Some((x(i), y(mae(scanned, at_views(v), measure)?))))
+            .filter_map(|(i, &v)| Some((x(i), y(mae(options, scanned, at_views(v), measure)?))))
             .collect();
         let path: Vec<String> = points
             .iter()
@@ -700,6 +719,7 @@ mod tests {
     fn nobody_makes_no_table() {
         let options = TapesOptions {
             people: 0,
+            view_people: 0,
             photo_people: 0,
             repeated: 0,
             views: vec![8],
@@ -723,6 +743,7 @@ mod tests {
     fn one_person_in_few_views_fills_tables_page_and_pictures() {
         let options = TapesOptions {
             people: 1,
+            view_people: 1,
             photo_people: 0,
             repeated: 0,
             views: vec![4],

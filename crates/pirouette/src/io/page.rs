@@ -196,6 +196,8 @@ fn add_number(html: &mut String, number: Option<impl Display>) {
 fn method_text(method: Method) -> &'static str {
     match method {
         Method::Given => "given",
+        Method::Scale => "the scale",
+        Method::WithStatistics => "photos and statistics of a survey",
         Method::SupportLines => "outlines of several views",
         Method::BodyTape => "section of the body",
         Method::Combined => "outlines and section of the body",
@@ -284,6 +286,8 @@ mod tests {
             lines: None,
             body: None,
             contradicted: false,
+            pixels: None,
+            prior: None,
         }
     }
 

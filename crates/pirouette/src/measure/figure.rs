@@ -34,6 +34,12 @@ impl<'a> Figure<'a> {
         entry.map(|(_, tape)| tape)
     }
 
+    /// All tapes as closed curves in space, world frame, mm
+    pub(super) fn tape_curves(&self) -> Vec<(Girth, Vec<DVec3>)> {
+        let curve = |(girth, tape): &(Girth, Tape)| (*girth, tape.points());
+        self.tapes.iter().map(curve).collect()
+    }
+
     pub(super) fn landmark(&self, landmark: Landmark) -> Option<DVec3> {
         let (_, vertex) = self.landmarks.iter().find(|(l, _)| *l == landmark)?;
         self.avatar.mesh.positions.get(*vertex as usize).copied()

@@ -94,26 +94,28 @@ pub(super) fn find(
     }
 }
 
-/// Standard deviation of girths by support lines besides their scatter, as a share: hollows that outlines do not show,
-/// errors of poses and masks that all lines share
-fn lines_sd(girth: Girth) -> f64 {
-    match girth {
-        Girth::Neck => 0.03,
-        Girth::Bust | Girth::Underbust => 0.02,
-        Girth::LeftUpperArm | Girth::RightUpperArm => 0.04,
-        Girth::LeftWrist | Girth::RightWrist => 0.05,
-        _ => 0.015,
-    }
-}
+/// How much of the deviation that a fit of lines tells counts: its shape is that of the fitted body, its priors are for bodies
+/// that may have any shape
+const LINES_SD_SHARE: f64 = 0.2;
 
-/// Standard deviation of girths along the fitted body, as a share
-fn body_sd(girth: Girth) -> f64 {
+/// Standard deviation of girths by support lines and along the fitted body, as shares: two from photos, two by given masks
+///
+/// So large that 68 % of the errors of random people lie within. But wrists and necks of the fitted body have the shape of
+/// the figure it started from, which random people made from the same figure share, and others do not.
+fn own_sd(girth: Girth) -> [f64; 4] {
     match girth {
-        Girth::Neck => 0.06,
-        Girth::Bust | Girth::Underbust => 0.02,
-        Girth::LeftUpperArm | Girth::RightUpperArm => 0.03,
-        Girth::LeftWrist | Girth::RightWrist => 0.25,
-        _ => 0.01,
+        Girth::Head => [0.010, 0.008, 0.011, 0.009],
+        Girth::Neck => [0.031, 0.040, 0.018, 0.020],
+        Girth::Bust => [0.019, 0.016, 0.012, 0.011],
+        Girth::Underbust => [0.025, 0.024, 0.019, 0.020],
+        Girth::Waist => [0.012, 0.012, 0.008, 0.008],
+        Girth::Hip => [0.006, 0.006, 0.006, 0.006],
+        Girth::LeftThigh | Girth::RightThigh => [0.008, 0.008, 0.008, 0.006],
+        Girth::LeftKnee | Girth::RightKnee => [0.007, 0.006, 0.006, 0.006],
+        Girth::LeftCalf | Girth::RightCalf => [0.005, 0.005, 0.004, 0.004],
+        Girth::LeftAnkle | Girth::RightAnkle => [0.006, 0.007, 0.003, 0.005],
+        Girth::LeftUpperArm | Girth::RightUpperArm => [0.011, 0.010, 0.007, 0.008],
+        Girth::LeftWrist | Girth::RightWrist => [0.016, 0.100, 0.010, 0.100],
     }
 }
 
@@ -125,13 +127,23 @@ fn tape_at(input: &MeasureInput, tape: &Tape, girth: Girth, views: &[SeenView]) 
         Girth::Neck => thinnest_by_lines(tape, views),
         _ => girth_by_lines(tape, views),
     };
+    let [lines_sd, body_sd] = {
+        let [lines, body, given_lines, given_body] = own_sd(girth);
+        [
+            input.between(lines, given_lines),
+            input.between(body, given_body),
+        ]
+    };
     let lines = fitted.map(|f| Estimate {
         value_mm: f.girth_mm,
-        sd_mm: f.sd_mm.hypot(lines_sd(girth) * f.girth_mm),
+        sd_mm: match input.fitted {
+            true => (LINES_SD_SHARE * f.sd_mm).hypot(lines_sd * f.girth_mm),
+            false => f.sd_mm.hypot(lines_sd * f.girth_mm),
+        },
     });
     let (body, body_method) = if input.fitted {
-        let sd_mm = body_sd(girth) * tape.girth();
         let value_mm = tape.girth();
+        let sd_mm = body_sd * value_mm;
         (Some(Estimate { value_mm, sd_mm }), Method::BodyTape)
     } else {
         (hull_girth(input.body, tape, views), Method::HullSection)

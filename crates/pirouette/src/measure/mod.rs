@@ -8,7 +8,9 @@
 mod figure;
 mod girths;
 mod lengths;
+mod mass;
 mod names;
+mod prior;
 mod support;
 mod tape;
 mod value;
@@ -20,9 +22,11 @@ use rayon::prelude::*;
 use crate::avatar::{Avatar, render};
 use crate::camera::Camera;
 use crate::pose::{Pose, pose_bones};
+use crate::scan::{StatureFrom, Subject};
 use crate::units::TurnAngle;
 use figure::Figure;
 pub use figure::measure_figure;
+pub use mass::BodyMass;
 pub use names::{Girth, Landmark, Measure};
 use support::SeenView;
 pub use value::{Estimate, Measured, Measurements, Method, Unavailable};
@@ -51,8 +55,21 @@ pub struct MeasureInput<'a> {
     pub fitted: bool,
     /// Silhouettes of the person
     pub views: &'a [MeasureView<'a>],
-    /// Height of the person, if known
+    /// Height of the person, if known; without, results are in units of it
     pub stature_mm: Option<f64>,
+    /// How it is known
+    pub stature_from: StatureFrom,
+    /// What the person told besides
+    pub subject: Subject,
+    /// Share of the views whose silhouettes were given, not found in photos
+    pub given_masks: f64,
+}
+
+impl MeasureInput<'_> {
+    /// A deviation between those from photos and by given silhouettes
+    fn between(&self, photos: f64, given: f64) -> f64 {
+        photos + (given - photos) * self.given_masks.clamp(0.0, 1.0)
+    }
 }
 
 /// Measures a body
@@ -73,10 +90,17 @@ pub fn measure(input: &MeasureInput) -> Measurements {
             _ if !measure.girths().is_empty() => girths::find(input, &figure, &views, measure),
             _ => lengths::find(input, &figure, measure),
         };
-        (measure, measured.with_scale_sd(scale_sd))
+        let measured = measured.with_scale_sd(scale_sd);
+        (measure, prior::support(input, measure, measured))
     });
+    let values: Vec<(Measure, Measured)> = values.collect();
     Measurements {
-        values: values.collect(),
+        values,
+        stature: input.stature_mm.map(|_| input.stature_from),
+        height_mm: avatar.stature_mm(),
+        subject: input.subject,
+        mass: mass::find(input, scale_sd),
+        tapes: figure.tape_curves(),
     }
 }
 

@@ -281,14 +281,6 @@ pub(super) struct FittedGirth {
 /// How exactly an outline tells a support line, as a standard deviation in mm: about half a pixel
 const LINE_SIGMA_MM: f64 = 1.2;
 
-/// Lines farther out than this many standard deviations lose their weight
-///
-/// Other limbs, hair, clothes and masks that fill a hollow all push lines outward.
-const OUTWARD_SIGMAS: f64 = 2.0;
-
-/// ... farther in: rare, so the inner one of two lines that contradict each other is believed
-const INWARD_SIGMAS: f64 = 5.0;
-
 /// How far a silhouette may be shifted sideways against the others, as a standard deviation in mm
 ///
 /// What sway leaves after normalization. A shift moves the two outlines of a view in opposite directions,
@@ -297,8 +289,9 @@ const SHIFT_SIGMA_MM: f64 = 12.0;
 
 /// Prior of the difference from the scaled avatar, per harmonic, as a part of the radius
 ///
-/// The first moves the center, the second makes the tape more or less flat, the third pear-shaped.
-const HARMONIC_SIGMAS: [f64; 3] = [0.4, 0.10, 0.03];
+/// The first moves the center, the second makes the tape more or less flat, the third pear-shaped,
+/// the fourth boxy.
+const HARMONIC_SIGMAS: [f64; 4] = [0.4, 0.10, 0.03, 0.015];
 
 /// Least prior of the center, in mm: thin limbs are misplaced by more than their radius
 const CENTER_SIGMA_MM: f64 = 25.0;
@@ -306,7 +299,7 @@ const CENTER_SIGMA_MM: f64 = 25.0;
 /// Prior of the girth itself, as a part of the avatar's: nearly free
 const SIZE_SIGMA: f64 = 0.5;
 
-/// Fits the avatar's tape, scaled and bent by three harmonics, to support lines; girths follow by Cauchy's formula
+/// Fits the avatar's tape, scaled and bent by four harmonics, to support lines; girths follow by Cauchy's formula
 ///
 /// Lines of limbs that hide the outline stand off and lose their weight. `None` without lines.
 pub(super) fn fit_girth(
@@ -333,12 +326,8 @@ pub(super) fn fit_girth(
         }
         // Wide at first, so that a wrong start does not condemn right lines; never below what is usual
         let wide = 0.15 * mean / (1 << round.min(4)) as f64;
+        let tolerance = wide.max(3.0 * LINE_SIGMA_MM);
         for (weight, residual) in weights.iter_mut().zip(&solved.residuals) {
-            let usual = match *residual > 0.0 {
-                true => OUTWARD_SIGMAS * LINE_SIGMA_MM,
-                false => INWARD_SIGMAS * LINE_SIGMA_MM,
-            };
-            let tolerance = wide.max(usual);
             *weight = 1.0 / (1.0 + (residual / tolerance).powi(2)).powi(2);
         }
         scale = mean / expected_mean;
@@ -359,7 +348,7 @@ pub(super) fn fit_girth(
     })
 }
 
-/// Linear least squares for one round: mean radius, three harmonics, one shift per view
+/// Linear least squares for one round: mean radius, four harmonics, one shift per view
 struct Problem {
     /// Row per line: derivatives by the unknowns
     rows: Vec<Vec<f64>>,

@@ -87,6 +87,11 @@ impl Tape {
         &self.hull
     }
 
+    /// The hull in space
+    pub(super) fn points(&self) -> Vec<DVec3> {
+        self.hull.iter().map(|&p| self.lift(p)).collect()
+    }
+
     /// Distance from the center of the support line with this outward normal
     pub(super) fn support(&self, normal: DVec2) -> f64 {
         self.hull

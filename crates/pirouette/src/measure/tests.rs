@@ -357,6 +357,9 @@ fn measured(avatar: &Avatar, views: &[MeasureView], fitted: bool) -> Measurement
         fitted,
         views,
         stature_mm: Some(avatar.stature_mm()),
+        stature_from: StatureFrom::Stated,
+        subject: Subject::default(),
+        given_masks: 1.0,
     })
 }
 
@@ -497,8 +500,11 @@ fn what_cannot_be_had_is_null_with_the_reason() {
         fitted: false,
         views: &[view],
         stature_mm: None,
+        stature_from: StatureFrom::Stated,
+        subject: Subject::default(),
+        given_masks: 1.0,
     });
-    let text = serde_json::to_value(&all).expect("measurements are plain data");
+    let text = all.to_json(&[]);
     let values = text["measurements_mm"].as_object().expect("an object");
     let keys: Vec<&str> = values.keys().map(String::as_str).collect();
     assert_eq!(keys, Measure::ALL.map(Measure::name));
@@ -508,4 +514,77 @@ fn what_cannot_be_had_is_null_with_the_reason() {
     for key in ["neck_girth", "waist_girth"] {
         assert!(why(key).is_some(), "{key}");
     }
+}
+
+#[test]
+fn without_a_scale_lengths_are_in_units_of_the_stature() {
+    let avatar = woman(1640.0);
+    let input = MeasureInput {
+        body: &avatar.mesh,
+        avatar: &avatar,
+        fitted: true,
+        views: &[],
+        stature_mm: None,
+        stature_from: StatureFrom::Stated,
+        subject: Subject::default(),
+        given_masks: 1.0,
+    };
+    let (bare, scaled) = (measure(&input), measured(&avatar, &[], true));
+    let text = bare.to_json(&[]);
+    assert_eq!(text["unit"], "stature");
+    assert!(text["measurements_mm"]["hip_girth"].is_null());
+    let share = text["measurements_per_stature"]["hip_girth"].as_f64();
+    let expected = scaled.value_mm(Measure::HipGirth).unwrap() / 1640.0;
+    assert!((share.unwrap() - expected).abs() < 1e-4);
+    assert!(text["details"]["hip_girth"]["level_per_stature"].is_number());
+    assert!(bare.mass.is_none());
+    let sizes = bare.advise(&crate::sizes::built_in_charts());
+    assert!(sizes.iter().all(|advice| advice.sizes.is_empty()));
+}
+
+#[test]
+fn statistics_help_who_told_sex_and_mass_and_never_silently() {
+    let avatar = woman(1640.0);
+    let plain = measured(&avatar, &[], true);
+    let supported = measure(&MeasureInput {
+        body: &avatar.mesh,
+        avatar: &avatar,
+        fitted: true,
+        views: &[],
+        stature_mm: Some(1640.0),
+        stature_from: StatureFrom::Stated,
+        subject: Subject {
+            sex: Some(Sex::Female),
+            mass_kg: Some(90.0),
+            age_years: None,
+        },
+        given_masks: 1.0,
+    });
+    let (before, after) = (
+        plain.get(Measure::NeckGirth),
+        supported.get(Measure::NeckGirth),
+    );
+    assert_eq!(after.method, Method::WithStatistics);
+    assert_eq!(after.pixels.map(|p| p.value_mm), before.value_mm.ok());
+    let prior = after.prior.expect("the survey knows necks").value_mm;
+    let (low, high) = (
+        prior.min(before.value_mm.unwrap()),
+        prior.max(before.value_mm.unwrap()),
+    );
+    assert!((low..=high).contains(&after.value_mm.unwrap()));
+    assert!(after.sd_mm < before.sd_mm);
+    let text = supported.to_json(&[]);
+    assert!(text["details"]["neck_girth"]["pixels"]["mm"].is_number());
+    assert!(text["details"]["neck_girth"]["prior"]["sd_mm"].is_number());
+    assert!(text["details"]["waist_girth"]["prior"].is_null());
+    assert_eq!(text["subject"]["mass_kg"], 90.0);
+}
+
+#[test]
+fn a_body_has_the_mass_of_its_volume() {
+    let avatar = woman(1640.0);
+    let mass = measured(&avatar, &[], true).mass.expect("there is a body");
+    assert!((40.0..90.0).contains(&mass.mass_kg), "{mass:?}");
+    let larger = measured(&avatar.scaled_to(1968.0), &[], true).mass.unwrap();
+    assert!((larger.volume_l / mass.volume_l / 1.728 - 1.0).abs() < 1e-6);
 }

@@ -456,15 +456,34 @@ impl<'a> Job<'a> {
         body: &TriMesh,
     ) -> Result<Measurements, PipelineError> {
         let scan = self.scan;
-        self.stage(Stage::Measure, 1, |_| {
+        let found = self.stage(Stage::Measure, 1, |_| {
             measure(&MeasureInput {
                 body,
                 avatar: fit.map_or(&bundle.avatar, |fit| &fit.avatar),
                 fitted: fit.is_some(),
                 views: &measure_views(bundle, fit, views),
                 stature_mm: scan.stature_mm,
+                stature_from: scan.stature_from,
+                subject: scan.subject,
+                given_masks: views
+                    .iter()
+                    .filter(|view| scan.views[view.index].mask.is_some())
+                    .count() as f64
+                    / views.len().max(1) as f64,
             })
-        })
+        })?;
+        for (measure, measured) in found.iter() {
+            if let (true, Some(lines), Some(body)) =
+                (measured.contradicted, measured.lines, measured.body)
+            {
+                self.warn(Warning::TapesDiffer {
+                    measure,
+                    lines_mm: lines.value_mm,
+                    body_mm: body.value_mm,
+                });
+            }
+        }
+        Ok(found)
     }
 }
 

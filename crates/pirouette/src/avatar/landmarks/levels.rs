@@ -24,6 +24,11 @@ const BUST_FALLBACK: f64 = 0.47;
 /// The strip beside the breast bone in which no bust point lies, as a share of the stature
 pub(super) const BUST_MIN_X: f64 = 0.015;
 
+/// Profiles of the chest are smoothed over so much to either side, as a share of the stature
+///
+/// Less, and which of two crests of one breast is higher moves the tape by 40 mm.
+const BUST_SMOOTHING: f64 = 0.012;
+
 /// Where the fold below the breast is sought, below the bust points, as shares of the stature, and where it is put on
 /// chests without one
 const UNDERBUST_ZONE: [f64; 2] = [0.02, 0.065];
@@ -32,9 +37,9 @@ const UNDERBUST_FALLBACK: f64 = 0.042;
 /// Where the seat is sought, relative to the hip joints, as shares of the stature
 const SEAT_ZONE: [f64; 2] = [-0.05, 0.045];
 
-/// Points of a profile within this many mm of its extreme are as extreme: skin is flat there, and the middle of the
+/// Points of a profile within this share of the stature (3 mm) of its extreme are as extreme: skin is flat there, and the middle of the
 /// flat part moves less from body to body than its peak
-const PLATEAU_MM: f64 = 3.0;
+const PLATEAU: f64 = 0.0018;
 
 /// Where the crotch is sought, relative to the hip joints, as shares of the stature
 const CROTCH_ZONE: [f64; 2] = [-0.11, 0.01];
@@ -60,9 +65,10 @@ impl Levels {
 
         let [low, high] = SEAT_ZONE.map(|share| hips.y + share * stature);
         let surface = body.trunk.between(low, high);
-        let rearmost = plateau(&profile(&body.heights(low, high), |y| {
+        let back = profile(&body.heights(low, high), |y| {
             reach(&surface, y, -1.0, |_| true)
-        }));
+        });
+        let rearmost = plateau(&back, PLATEAU * stature);
         // The rearmost point wanders by 20 mm with the hollow of the back, as much as the survey's bodies differ.
         let usual_seat = by_crotch(SEAT_BY_CROTCH);
         let seat = rearmost.map_or(usual_seat, |rearmost| (rearmost + usual_seat) / 2.0);
@@ -102,7 +108,9 @@ fn bust(body: &Body<'_>) -> f64 {
     let surface = body.trunk.between(low, high);
     let side_level = |outward: f64| {
         let beside = |p: DVec3| (p.x - spine.x) * outward > BUST_MIN_X * body.stature;
-        flat_top(&profile(&heights, |y| reach(&surface, y, 1.0, beside)))
+        let front = profile(&heights, |y| reach(&surface, y, 1.0, beside));
+        let front = smoothed(&front, BUST_SMOOTHING * body.stature);
+        flat_top(&front, PLATEAU * body.stature)
     };
     match (side_level(1.0), side_level(-1.0)) {
         (Some(left), Some(right)) => (left + right) / 2.0,
@@ -113,8 +121,8 @@ fn bust(body: &Body<'_>) -> f64 {
 
 /// Height of the fold below the breast: where the profile lies deepest behind the line from the bust to the ribs
 fn underbust(body: &Body<'_>, bust: f64) -> f64 {
-    /// A fold is deeper than this; else it is put where it usually is
-    const LEAST_DEPTH_MM: f64 = 1.0;
+    /// A fold is deeper than this share of the stature; else it is put where it usually is
+    const LEAST_DEPTH: f64 = 0.0006;
     let [near, far] = UNDERBUST_ZONE.map(|share| share * body.stature);
     let surface = body.trunk.between(bust - far, bust);
     let middle = body.head(Bone::UpperSpine).x;
@@ -129,7 +137,7 @@ fn underbust(body: &Body<'_>, bust: f64) -> f64 {
     let inside = front.iter().filter(|&&(y, _)| y <= bust - near);
     let deepest = inside.max_by(|a, b| depth(**a).total_cmp(&depth(**b)));
     match deepest {
-        Some(&fold) if depth(fold) > LEAST_DEPTH_MM => fold.0,
+        Some(&fold) if depth(fold) > LEAST_DEPTH * body.stature => fold.0,
         _ => bust - UNDERBUST_FALLBACK * body.stature,
     }
 }
@@ -157,14 +165,27 @@ pub(super) fn reach(
         .reduce(f64::max)
 }
 
+/// A profile averaged with its surroundings, nearer ones more
+fn smoothed(profile: &[(f64, f64)], reach: f64) -> Vec<(f64, f64)> {
+    let at = |y: f64| {
+        let weighted = profile.iter().map(|&(other, value)| {
+            let weight = (1.0 - (other - y).abs() / reach).max(0.0);
+            (weight, weight * value)
+        });
+        let (weights, sum) = weighted.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        sum / weights
+    };
+    profile.iter().map(|&(y, _)| (y, at(y))).collect()
+}
+
 /// The middle of the flat part around the highest local maximum inside a profile, `None` when it only rises or falls
-fn flat_top(profile: &[(f64, f64)]) -> Option<f64> {
+fn flat_top(profile: &[(f64, f64)], depth: f64) -> Option<f64> {
     let inside = (1..profile.len().checked_sub(1)?).filter(|&i| {
         let [before, here, after] = [i - 1, i, i + 1].map(|i| profile[i].1);
         before <= here && here >= after
     });
     let top = inside.max_by(|&a, &b| profile[a].1.total_cmp(&profile[b].1))?;
-    let flat = |(_, value): &&(f64, f64)| *value >= profile[top].1 - PLATEAU_MM;
+    let flat = |(_, value): &&(f64, f64)| *value >= profile[top].1 - depth;
     let below = profile[..top].iter().rev().take_while(flat).last();
     let above = profile[top..].iter().take_while(flat).last();
     let (low, high) = (
@@ -174,12 +195,12 @@ fn flat_top(profile: &[(f64, f64)]) -> Option<f64> {
     Some((low.0 + high.0) / 2.0)
 }
 
-/// The middle of the heights at which a profile is within [`PLATEAU_MM`] of its maximum
-fn plateau(profile: &[(f64, f64)]) -> Option<f64> {
+/// The middle of the heights at which a profile is within `depth` of its maximum
+fn plateau(profile: &[(f64, f64)], depth: f64) -> Option<f64> {
     let top = profile.iter().map(|&(_, value)| value).reduce(f64::max)?;
     let flat: Vec<f64> = profile
         .iter()
-        .filter(|&&(_, value)| value >= top - PLATEAU_MM)
+        .filter(|&&(_, value)| value >= top - depth)
         .map(|&(y, _)| y)
         .collect();
     Some(flat.iter().sum::<f64>() / flat.len() as f64)
