@@ -334,7 +334,7 @@ pub struct EvalTapesArgs {
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u16).range(3..=72))]
     pub views: Option<Vec<u16>>,
 
-    /// Seed of the first person [default: 1001; the method was made with people from 1 on]
+    /// Seed of the first person [default: 2001; the method was made with people below]
     #[arg(long, value_name = "N")]
     pub first_seed: Option<u64>,
 

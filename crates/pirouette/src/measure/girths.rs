@@ -104,18 +104,18 @@ const LINES_SD_SHARE: f64 = 0.2;
 /// the figure it started from, which random people made from the same figure share, and others do not.
 fn own_sd(girth: Girth) -> [f64; 4] {
     match girth {
-        Girth::Head => [0.010, 0.008, 0.011, 0.009],
-        Girth::Neck => [0.031, 0.040, 0.018, 0.020],
-        Girth::Bust => [0.019, 0.016, 0.012, 0.011],
-        Girth::Underbust => [0.025, 0.024, 0.019, 0.020],
-        Girth::Waist => [0.012, 0.012, 0.008, 0.008],
-        Girth::Hip => [0.006, 0.006, 0.006, 0.006],
-        Girth::LeftThigh | Girth::RightThigh => [0.008, 0.008, 0.008, 0.006],
-        Girth::LeftKnee | Girth::RightKnee => [0.007, 0.006, 0.006, 0.006],
-        Girth::LeftCalf | Girth::RightCalf => [0.005, 0.005, 0.004, 0.004],
-        Girth::LeftAnkle | Girth::RightAnkle => [0.006, 0.007, 0.003, 0.005],
-        Girth::LeftUpperArm | Girth::RightUpperArm => [0.011, 0.010, 0.007, 0.008],
-        Girth::LeftWrist | Girth::RightWrist => [0.016, 0.100, 0.010, 0.100],
+        Girth::Head => [0.008, 0.0062, 0.008, 0.006],
+        Girth::Neck => [0.030, 0.036, 0.016, 0.015],
+        Girth::Bust => [0.015, 0.0125, 0.013, 0.0115],
+        Girth::Underbust => [0.017, 0.016, 0.017, 0.016],
+        Girth::Waist => [0.0105, 0.0105, 0.0085, 0.0085],
+        Girth::Hip => [0.0065, 0.006, 0.0055, 0.006],
+        Girth::LeftThigh | Girth::RightThigh => [0.0075, 0.0075, 0.007, 0.0055],
+        Girth::LeftKnee | Girth::RightKnee => [0.0065, 0.0065, 0.005, 0.005],
+        Girth::LeftCalf | Girth::RightCalf => [0.005, 0.0047, 0.0047, 0.0045],
+        Girth::LeftAnkle | Girth::RightAnkle => [0.006, 0.007, 0.005, 0.007],
+        Girth::LeftUpperArm | Girth::RightUpperArm => [0.009, 0.0075, 0.005, 0.006],
+        Girth::LeftWrist | Girth::RightWrist => [0.0135, 0.100, 0.008, 0.100],
     }
 }
 

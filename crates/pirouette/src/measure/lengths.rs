@@ -41,8 +41,8 @@ pub(super) fn stature(input: &MeasureInput) -> Measured {
         };
         return Measured::of(Ok(exact(given)), method);
     }
-    let top = input.body.bounds().map(|(_, hi)| hi.y);
-    Measured::of(top.map(exact).ok_or(Unavailable::NoBody), Method::Body)
+    let height = input.body.bounds().map(|(lo, hi)| hi.y - lo.y);
+    Measured::of(height.map(exact).ok_or(Unavailable::NoBody), Method::Body)
 }
 
 /// Standard deviation of a height or length on the fitted body, in mm: from photos, and by given masks
@@ -50,16 +50,16 @@ pub(super) fn stature(input: &MeasureInput) -> Measured {
 /// So large that 68 % of the errors of random people lie within.
 fn own_sd(measure: Measure) -> [f64; 2] {
     match measure {
-        Measure::ShoulderWidth => [17.0, 14.0],
-        Measure::BackLength | Measure::NapeToWaist => [10.5, 7.3],
-        Measure::CrotchHeight => [6.8, 5.6],
-        Measure::BustHeight => [8.0, 5.5],
-        Measure::WaistHeight => [4.0, 4.0],
-        Measure::HipHeight => [4.8, 3.2],
-        Measure::FootLength => [10.0, 1.3],
-        Measure::Rise => [8.5, 9.0],
-        Measure::ArmLength => [3.5, 4.6],
-        Measure::ShoulderToWrist => [2.8, 3.8],
+        Measure::ShoulderWidth => [15.0, 15.5],
+        Measure::BackLength | Measure::NapeToWaist => [8.3, 8.3],
+        Measure::CrotchHeight => [5.2, 5.0],
+        Measure::BustHeight => [7.7, 7.0],
+        Measure::WaistHeight => [3.3, 3.2],
+        Measure::HipHeight => [4.2, 4.2],
+        Measure::FootLength => [10.0, 1.4],
+        Measure::Rise => [9.7, 9.0],
+        Measure::ArmLength => [4.6, 4.6],
+        Measure::ShoulderToWrist => [4.0, 4.2],
         _ => [8.0, 8.0],
     }
 }

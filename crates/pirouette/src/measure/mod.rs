@@ -94,10 +94,12 @@ pub fn measure(input: &MeasureInput) -> Measurements {
         (measure, prior::support(input, measure, measured))
     });
     let values: Vec<(Measure, Measured)> = values.collect();
+    let height = values.iter().find(|(m, _)| *m == Measure::Stature);
+    let height_mm = height.and_then(|(_, found)| found.value_mm.ok());
     Measurements {
-        values,
         stature: input.stature_mm.map(|_| input.stature_from),
-        height_mm: avatar.stature_mm(),
+        height_mm: height_mm.unwrap_or(avatar.stature_mm()),
+        values,
         subject: input.subject,
         mass: mass::find(input, scale_sd),
         tapes: figure.tape_curves(),

@@ -537,6 +537,7 @@ fn without_a_scale_lengths_are_in_units_of_the_stature() {
     let expected = scaled.value_mm(Measure::HipGirth).unwrap() / 1640.0;
     assert!((share.unwrap() - expected).abs() < 1e-4);
     assert!(text["details"]["hip_girth"]["level_per_stature"].is_number());
+    assert_eq!(text["measurements_per_stature"]["stature"], 1.0);
     assert!(bare.mass.is_none());
     let sizes = bare.advise(&crate::sizes::built_in_charts());
     assert!(sizes.iter().all(|advice| advice.sizes.is_empty()));

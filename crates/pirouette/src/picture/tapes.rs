@@ -14,7 +14,7 @@ use crate::units::TurnAngle;
 const TILE_PX: (usize, usize) = (700, 1000);
 
 /// Columns for the labels beside them
-const LABEL_WIDTH_PX: usize = 330;
+const LABEL_WIDTH_PX: usize = 430;
 
 const TAPE_COLOR: Color = [214, 40, 57];
 const HIDDEN_COLOR: Color = [240, 170, 170];
