@@ -115,6 +115,8 @@ pub fn write_results(
             }
         }
     }
+    let mut tapes = None;
+    let mut sizes = Vec::new();
     if let Some(measurements) = &report.measurements {
         let advice = measurements.advise(options.charts);
         write_json(
@@ -124,12 +126,22 @@ pub fn write_results(
         if let Some(mesh) = &report.body {
             let file = folder.join("tapes.jpg");
             let sheet = tape_sheet(mesh, measurements);
-            write_whole(&file, &as_jpeg(&file, &sheet)?)?;
+            let jpeg = as_jpeg(&file, &sheet)?;
+            write_whole(&file, &jpeg)?;
+            tapes = Some(jpeg);
+        }
+        if measurements.in_mm() {
+            let advice = advice.into_iter();
+            sizes = advice.map(|a| (a.chart, a.verdict)).collect();
         }
     }
     if let Some(title) = options.page_title {
         let overlays = page_overlays.into_iter().flatten().collect();
-        let page = page(title, loaded, load_seconds, report, contact_sheet, overlays);
+        let page = Page {
+            tapes,
+            sizes,
+            ..page(title, loaded, load_seconds, report, contact_sheet, overlays)
+        };
         write_whole(&folder.join("report.html"), write_page(&page).as_bytes())?;
     }
     // Last, so that a result.json stands for a whole result.
@@ -196,6 +208,8 @@ fn page<'a>(
             .iter()
             .flat_map(|m| m.iter().map(|(measure, measured)| (measure, *measured)))
             .collect(),
+        sizes: Vec::new(),
+        tapes: None,
         contact_sheet,
         views: views
             .map(|(found, overlay)| PageView {
