@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use pirouette::io::export::ExportFormat;
 use pirouette::io::mesh::MeshFormat;
 
 /// From photos of a turning person to silhouettes, a 3D body and tape measurements
@@ -59,6 +60,9 @@ pub enum Command {
     /// Do what `scan` does: silhouettes, body, measurements
     #[command(after_help = MEASURE_HELP)]
     Measure(ScanArgs),
+    /// Tell sizes of garments from a result folder
+    #[command(after_help = SIZE_HELP)]
+    Size(SizeArgs),
     /// Write the reference figure: a PNG silhouette or a mesh
     #[command(after_help = AVATAR_HELP)]
     Avatar(AvatarArgs),
@@ -102,6 +106,35 @@ pub struct ScanArgs {
     /// Write report.html too: all results on one page that needs no other file
     #[arg(long)]
     pub report: bool,
+
+    /// Write the measurements for other programs, too
+    #[arg(long, value_name = "NAMES", value_enum, value_delimiter = ',')]
+    pub export: Vec<Export>,
+
+    /// Where the scale comes from when scan.json tells neither `stature_mm` nor `mm_per_px`: `card` looks for an ID-1 card
+    /// (85.60 x 53.98 mm, as bank cards) beside the person
+    #[arg(long, value_name = "SOURCE", value_enum)]
+    pub scale: Option<ScaleSource>,
+
+    /// Size charts to use instead of the built-in ones; see `size --help`
+    #[arg(long, value_name = "FILE.toml")]
+    pub chart: Option<PathBuf>,
+}
+
+/// Arguments of `size`
+#[derive(Debug, Args)]
+pub struct SizeArgs {
+    /// A result folder, or a measurements.json
+    #[arg(value_name = "OUT")]
+    pub out: PathBuf,
+
+    /// Whose charts; both when neither this nor scan.json tells
+    #[arg(long, value_enum)]
+    pub sex: Option<Sex>,
+
+    /// Size charts to use instead of the built-in ones
+    #[arg(long, value_name = "FILE.toml")]
+    pub chart: Option<PathBuf>,
 }
 
 /// How the job is done
@@ -282,6 +315,9 @@ pub enum EvalTable {
     /// Scan random people whose bodies are known: surface and girths by views and noise
     #[command(after_help = EVAL_BODIES_HELP)]
     Bodies(EvalBodiesArgs),
+    /// Measure random people whose tape measures are known, and write the page docs/accuracy.md about it
+    #[command(after_help = EVAL_TAPES_HELP)]
+    Tapes(EvalTapesArgs),
     /// Scan photographed people with one part of the method off at a time
     #[command(after_help = EVAL_ABLATION_HELP)]
     Ablation(EvalAblationArgs),
@@ -314,6 +350,30 @@ pub struct EvalBodiesArgs {
     pub noise: Option<Vec<f64>>,
 
     /// A look of about a minute instead of the whole study
+    #[arg(long)]
+    pub quick: bool,
+}
+
+/// Arguments of `eval tapes`
+#[derive(Debug, Args)]
+pub struct EvalTapesArgs {
+    /// People, both from photos and by exact silhouettes; 12 of them at other numbers of views [default: 60, with --quick 4 and 2]
+    #[arg(long, value_name = "N")]
+    pub people: Option<usize>,
+
+    /// Numbers of views, by exact silhouettes [default: 7,8,9,12,16,36, with --quick 8,9]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u16).range(3..=72))]
+    pub views: Option<Vec<u16>>,
+
+    /// Seed of the first person [default: 2001; the method was made with people below]
+    #[arg(long, value_name = "N")]
+    pub first_seed: Option<u64>,
+
+    /// Folder for accuracy.md and its pictures; without it, the tables are printed only
+    #[arg(short, long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+
+    /// A look of a minute instead of the whole study of half an hour
     #[arg(long)]
     pub quick: bool,
 }
@@ -384,6 +444,39 @@ pub enum Sex {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ScaleSource {
+    Card,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Export {
+    /// measurements.flat.json: value and deviation per measure
+    Json,
+    /// measurements.csv
+    Csv,
+    /// measurements.schema-org.json
+    SchemaOrg,
+    /// measurements.freesewing.yaml
+    Freesewing,
+    /// measurements.vit, for Seamly2D and Valentina
+    #[value(alias = "valentina")]
+    Seamly2d,
+}
+
+impl Export {
+    /// The library's format
+    pub fn of_file(self) -> ExportFormat {
+        match self {
+            Export::Json => ExportFormat::Json,
+            Export::Csv => ExportFormat::Csv,
+            Export::SchemaOrg => ExportFormat::SchemaOrg,
+            Export::Freesewing => ExportFormat::FreeSewing,
+            Export::Seamly2d => ExportFormat::Seamly2d,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Format {
     Ply,
     Glb,
@@ -411,13 +504,19 @@ move, and beside each photo its keypoints (OpenPose JSON, BODY_25):
   000.jpg 000_keypoints.json 001.jpg 001_keypoints.json ...
 An optional scan.json tells more, most of all the person's height; every key but `image` may be left out,
 and without `views` the photos are taken in the order of their names:
-  { \"pose\": \"a\", \"subject\": { \"stature_mm\": 1748 },
-    \"camera\": { \"vertical_fov_deg\": 50.1, \"height_mm\": 890, \"distance_mm\": 2400, \"pitch_deg\": 0 },
+  { \"pose\": \"a\", \"subject\": { \"stature_mm\": 1748, \"sex\": \"female\", \"mass_kg\": 64, \"age_years\": 35 },
+    \"camera\": { \"vertical_fov_deg\": 50.1, \"height_mm\": 890, \"distance_mm\": 2400, \"pitch_deg\": 0,
+                \"mm_per_px\": 2.1 },
     \"views\": [ { \"image\": \"000.jpg\", \"keypoints\": \"000_keypoints.json\", \"angle_deg\": 0,
                  \"mask\": \"000_mask.png\" } ] }
 
+Without the height, the scale may come from the size of a pixel at the turning axis (`mm_per_px`) or from a bank card in a
+photo (`--scale card`); without any, lengths are in units of the height. With sex and mass, statistics of a survey support
+the measures: details tell what came from pixels and what from them.
+
 Examples:
   pirouette scan photos/anna
+  pirouette scan photos/anna --scale card --export csv,seamly2d
   pirouette scan photos/anna -o anna --format ply,glb --report
   pirouette scan photos/anna --method three-step --no-refine
   pirouette scan photos/anna --avatar me.vrm --json | jq .measurements_mm";
@@ -457,6 +556,25 @@ Examples:
   pirouette measure photos/anna -o anna
   pirouette measure photos/anna --json --quiet";
 
+const SIZE_HELP: &str = "\
+One size, two neighboring ones, or \"not sure\", with probabilities from the deviations of the measures. The built-in charts
+follow EN 13402-3. A chart of your own is a TOML file:
+  [[chart]]
+  name = \"Our shirts\"
+  sex = \"female\"                        or \"male\"; for everybody without
+  garment = \"top\"
+  primary = \"bust_girth\"               any key of measurements.json
+  secondary = [\"waist_girth\"]
+  size = [
+    { name = \"S\", bust_girth = [82, 90], waist_girth = [66, 74] },   in cm, of the body, small to large
+    { name = \"M\", bust_girth = [90, 98], waist_girth = [74, 82] },
+  ]
+
+Examples:
+  pirouette size anna
+  pirouette size anna --sex female --chart shop.toml
+  pirouette size anna/measurements.json --json";
+
 const AVATAR_HELP: &str = "\
 Examples:
   pirouette avatar -o silhouette.png
@@ -492,6 +610,15 @@ Examples:
   pirouette eval bodies --quick
   pirouette eval bodies --people 10 --views 8 --noise 0.5,1,2
   pirouette eval bodies --json > bodies.json";
+
+const EVAL_TAPES_HELP: &str = "\
+Bias, spread, mean and 90th percentile of the errors, repeatability, and whether the deviations told with the values are
+honest, per measure; beside them limits and figures of others.
+
+Examples:
+  pirouette eval tapes --quick
+  pirouette eval tapes -o docs
+  pirouette eval tapes --people 20 --views 8,9,12 --json > tapes.json";
 
 const EVAL_ABLATION_HELP: &str = "\
 Examples:

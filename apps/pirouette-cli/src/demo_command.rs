@@ -13,6 +13,7 @@ use pirouette::io::results::ResultOptions;
 use pirouette::io::scan_folder::write_scan;
 use pirouette::measure::{Measure, Measurements, measure_figure};
 use pirouette::pipeline::{CancelToken, Goal};
+use pirouette::sizes::built_in_charts;
 use pirouette::synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
 use serde_json::{Map, Value, json};
 
@@ -47,11 +48,13 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
     let scan = args.out.join("scan");
     write_scan(&scan, &synthetic.scan).context("cannot write the rendered scan")?;
     write_truth(&scan.join("truth"), &synthetic, &truth)?;
+    let charts = built_in_charts();
     let options = ResultOptions {
         formats: &[MeshFormat::Ply, MeshFormat::Glb],
         page_title: args.report.then_some("a rendered person"),
+        charts: &charts,
     };
-    let done = scan_folder(&scan, &args.out, &config, &options, &progress, cancel);
+    let done = scan_folder(&scan, &args.out, &config, None, &options, &progress, cancel);
     progress.finish();
     let done = done?;
     let measured = done.report.measurements.as_ref();
@@ -60,7 +63,7 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
             .iter()
             .map(|(measure, value)| (measure.name().to_owned(), json!(value)))
             .collect();
-        let mut value = done.json(&args.out);
+        let mut value = done.json(&args.out, &charts);
         value["truth_mm"] = Value::Object(truth);
         value
     })

@@ -5,18 +5,20 @@ use pirouette::io::atomic::{make_folder, write_whole};
 use pirouette::io::mesh::MeshFormat;
 use pirouette::io::results::ResultOptions;
 use pirouette::pipeline::{CancelToken, Goal};
+use pirouette::sizes::built_in_charts;
 use pirouette_eval::ablation::{self, AblationOptions};
 use pirouette_eval::bodies::{self, BodiesOptions};
 use pirouette_eval::folders::{
     name_of, photo_table, scan_table, score_photos, score_scan, with_truth,
 };
 use pirouette_eval::published::{self, Effort};
+use pirouette_eval::tapes::{self, TapesOptions};
 use pirouette_eval::{Step, StudyError};
 use serde_json::{Value, json};
 
 use crate::args::{
     EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalPhotosArgs, EvalPublishedArgs, EvalScansArgs,
-    EvalTable,
+    EvalTable, EvalTapesArgs,
 };
 use crate::output::Output;
 use crate::progress::Progress;
@@ -28,6 +30,7 @@ pub fn run(args: &EvalArgs, output: Output, quiet: bool, cancel: &CancelToken) -
     let made = match &args.table {
         None => eval_published(&args.published, output, &progress, cancel),
         Some(EvalTable::Bodies(args)) => eval_bodies(args, &progress, cancel),
+        Some(EvalTable::Tapes(args)) => eval_tapes(args, &progress, cancel),
         Some(EvalTable::Ablation(args)) => eval_ablation(args, &progress, cancel),
         Some(EvalTable::Scans(args)) => eval_scans(args, &progress, cancel),
         Some(EvalTable::Photos(args)) => eval_photos(args, &progress, cancel),
@@ -113,6 +116,51 @@ fn eval_bodies(
     Ok((text, value))
 }
 
+fn eval_tapes(
+    args: &EvalTapesArgs,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<(String, Value)> {
+    let usual = if args.quick {
+        TapesOptions::quick()
+    } else {
+        TapesOptions::default()
+    };
+    let views = |views: &Vec<u16>| views.iter().map(|&v| usize::from(v)).collect();
+    let options = TapesOptions {
+        people: args.people.unwrap_or(usual.people),
+        view_people: args
+            .people
+            .unwrap_or(usual.view_people)
+            .min(usual.view_people),
+        photo_people: args.people.unwrap_or(usual.photo_people),
+        repeated: args.people.unwrap_or(usual.repeated).min(usual.repeated),
+        views: args.views.as_ref().map_or(usual.views, views),
+        first_seed: args.first_seed.unwrap_or(usual.first_seed),
+    };
+    let study = tapes::study(&options, cancel, &mut |step| show(progress, &step))?;
+    if let Some(folder) = &args.out {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        for (name, text) in [
+            ("accuracy-errors.svg", &study.errors_svg),
+            ("accuracy-views.svg", &study.views_svg),
+            ("accuracy.md", &study.page),
+        ] {
+            write_whole(&folder.join(name), text.as_bytes())?;
+        }
+    }
+    let text: Vec<String> = study.tables.iter().map(ToString::to_string).collect();
+    let tables: Vec<Value> = study.tables.iter().map(|table| table.to_json()).collect();
+    let value = json!({
+        "ok": true,
+        "table": "tapes",
+        "tables": tables,
+        "people": study.people,
+    });
+    Ok((text.join("\n\n"), value))
+}
+
 fn eval_ablation(
     args: &EvalAblationArgs,
     progress: &Progress,
@@ -138,16 +186,18 @@ fn eval_scans(
     cancel: &CancelToken,
 ) -> Result<(String, Value)> {
     let config = config(&args.method, Goal::Measure)?;
+    let charts = built_in_charts();
     let results = ResultOptions {
         formats: &[MeshFormat::Ply],
         page_title: None,
+        charts: &charts,
     };
     let folders = with_truth(&args.folders)?;
     let mut scores = Vec::new();
     for (index, folder) in folders.iter().enumerate() {
         let out = args.out.join(name_of(folder));
         if !args.keep {
-            scan_folder(folder, &out, &config, &results, progress, cancel)?;
+            scan_folder(folder, &out, &config, None, &results, progress, cancel)?;
         } else if !out.is_dir() {
             return Err(std::io::Error::from(std::io::ErrorKind::NotFound))
                 .with_context(|| format!("no results in {}", out.display()));

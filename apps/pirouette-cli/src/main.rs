@@ -8,6 +8,7 @@ mod eval_command;
 mod output;
 mod progress;
 mod scan_command;
+mod size_command;
 
 use std::process::ExitCode;
 
@@ -49,6 +50,7 @@ fn run(cli: &Cli, output: Output) -> Result<()> {
         Command::Reconstruct(args) => scan(args, Goal::Reconstruct),
         Command::Measure(args) => scan(args, Goal::Measure),
         Command::Demo(args) => demo_command::run(args, output, cli.quiet, &cancel),
+        Command::Size(args) => size_command::run(args, output),
         Command::Avatar(args) => avatar_command::run(args, output),
         Command::Arap(args) => arap_command::run(args, output),
         Command::Eval(args) => eval_command::run(args, output, cli.quiet, &cancel),

@@ -4,13 +4,17 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use pirouette::io::export::{ExportFormat, write_exports};
 use pirouette::io::mesh::MeshFormat;
 use pirouette::io::results::{ResultOptions, result_value, write_results};
 use pirouette::io::scan_folder::{LoadOptions, LoadedScan, load_scan};
 use pirouette::pipeline::{self, AvatarSource, CancelToken, Config, Event, Goal, Report, Stage};
+use pirouette::scale::{scale_by_card, scale_by_pixels};
+use pirouette::scan::StatureFrom;
+use pirouette::sizes::{Advice, Chart, built_in_charts, parse_charts};
 use serde_json::{Value, json};
 
-use crate::args::{Method, MethodArgs, ScanArgs};
+use crate::args::{Method, MethodArgs, ScaleSource, ScanArgs};
 use crate::output::Output;
 use crate::progress::Progress;
 
@@ -26,14 +30,25 @@ pub fn run(
     let config = config(&args.method, goal)?;
     let formats: Vec<MeshFormat> = args.format.iter().map(|format| format.of_mesh()).collect();
     let title = title(&args.scan);
+    let charts = charts(args.chart.as_deref())?;
     let options = ResultOptions {
         formats: &formats,
         page_title: args.report.then_some(title.as_str()),
+        charts: &charts,
     };
-    let done = scan_folder(&args.scan, &args.out, &config, &options, &progress, cancel);
+    let scale = args.scale;
+    let done = scan_folder(
+        &args.scan, &args.out, &config, scale, &options, &progress, cancel,
+    );
     progress.finish();
     let done = done?;
-    output.done(&done.summary(&args.out), || done.json(&args.out))
+    if let Some(measurements) = &done.report.measurements {
+        let exports: Vec<ExportFormat> = args.export.iter().map(|e| e.of_file()).collect();
+        write_exports(&args.out, measurements, &exports)?;
+    }
+    output.done(&done.summary(&args.out, &charts), || {
+        done.json(&args.out, &charts)
+    })
 }
 
 /// The library's configuration for what the command line says
@@ -74,6 +89,7 @@ pub fn scan_folder(
     scan: &Path,
     out: &Path,
     config: &Config,
+    scale: Option<ScaleSource>,
     results: &ResultOptions,
     progress: &Progress,
     cancel: &CancelToken,
@@ -84,7 +100,10 @@ pub fn scan_folder(
         one_shape: config.goal > Goal::Segment,
         ..LoadOptions::default()
     };
-    let loaded = load_scan(scan, &options)?;
+    let mut loaded = load_scan(scan, &options)?;
+    if config.goal > Goal::Segment {
+        find_scale(&mut loaded, scale, progress)?;
+    }
     let load_seconds = start.elapsed().as_secs_f64();
     progress.show(&Event::StageDone {
         stage: Stage::Load,
@@ -115,13 +134,63 @@ pub fn scan_folder(
     })
 }
 
+/// Finds the scale where the stature was not told
+fn find_scale(
+    loaded: &mut LoadedScan,
+    source: Option<ScaleSource>,
+    progress: &Progress,
+) -> Result<()> {
+    let scan = &mut loaded.scan;
+    if scan.stature_mm.is_some() {
+        if source.is_some() {
+            progress.say("warning: scan.json tells the stature; no card is looked for");
+        }
+        return Ok(());
+    }
+    if let Some(ScaleSource::Card) = source {
+        let (view, card) = scale_by_card(scan).context("--scale card")?;
+        progress.say(&format!(
+            "scale: the card in view {view}, tilted by {:.0} degrees, has {:.3} mm per px",
+            card.tilt_degrees, card.mm_per_px
+        ));
+    } else if let (Some(mm_per_px), Some(view)) = (scan.mm_per_px, scan.views.first()) {
+        // Large photos were shrunk.
+        let shrunk = view.input_size_px.1 as f64 / view.photo.height() as f64;
+        scale_by_pixels(scan, mm_per_px * shrunk, StatureFrom::PixelSize)
+            .context("camera.mm_per_px")?;
+    }
+    Ok(())
+}
+
+/// The charts of a file, or those that come with the program
+pub fn charts(file: Option<&Path>) -> Result<Vec<Chart>> {
+    let Some(file) = file else {
+        return Ok(built_in_charts());
+    };
+    let text = std::fs::read_to_string(file)
+        .with_context(|| format!("cannot read the chart {}", file.display()))?;
+    parse_charts(&text).with_context(|| file.display().to_string())
+}
+
+/// One line per chart
+pub fn size_lines(advice: &[Advice]) -> String {
+    let lines = advice.iter();
+    let lines: Vec<String> = lines
+        .map(|a| format!("{:<52}{}", a.chart, a.verdict))
+        .collect();
+    lines.join("\n")
+}
+
 impl Done {
     /// One machine-readable line
-    pub fn json(&self, out: &Path) -> Value {
+    pub fn json(&self, out: &Path, charts: &[Chart]) -> Value {
         let mut value = json!({ "ok": true, "out": out });
         let result = result_value(&self.loaded, self.load_seconds, &self.report);
         let measurements = self.report.measurements.as_ref();
-        for part in [Some(result), measurements.map(|m| json!(m))] {
+        for part in [
+            Some(result),
+            measurements.map(|m| m.to_json(&m.advise(charts))),
+        ] {
             if let Some(Value::Object(part)) = part {
                 for (key, entry) in part {
                     value[key] = entry;
@@ -131,7 +200,7 @@ impl Done {
         value
     }
 
-    fn summary(&self, out: &Path) -> String {
+    fn summary(&self, out: &Path, charts: &[Chart]) -> String {
         let given = self.loaded.scan.views.len() + self.loaded.failed.len();
         let mut text = format!(
             "{}: {} of {given} views",
@@ -141,13 +210,26 @@ impl Done {
         if let Some(measurements) = &self.report.measurements {
             for (measure, measured) in measurements.iter() {
                 let value = match &measured.value_mm {
-                    Ok(value_mm) => format!("{value_mm:6.0} mm"),
+                    Ok(value_mm) => match measured.sd_mm.filter(|_| measurements.in_mm()) {
+                        Some(sd_mm) => format!("{} ± {sd_mm:.0}", measurements.told(*value_mm)),
+                        None => measurements.told(*value_mm),
+                    },
                     Err(why) => format!("     -    {why}"),
                 };
                 text.push_str(&format!(
-                    "\n{:<16}{value}",
+                    "\n{:<18}{value}",
                     measure.name().replace('_', " ")
                 ));
+            }
+            if let Some(mass) = &measurements.mass {
+                text.push_str(&format!(
+                    "\n{:<18}{:6.1} l\n{:<18}{:6.1} kg ± {:.1}",
+                    "volume", mass.volume_l, "body mass", mass.mass_kg, mass.mass_sd_kg
+                ));
+            }
+            if measurements.in_mm() && measurements.subject.sex.is_some() {
+                text.push('\n');
+                text.push_str(&size_lines(&measurements.advise(charts)));
             }
         }
         text

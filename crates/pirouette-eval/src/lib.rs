@@ -1,7 +1,8 @@
 //! How accurate pirouette is: studies on rendered people, and scores of results against truth.
 //!
-//! Every table is a function with fixed seeds: [`bodies::study`], [`ablation::study`], [`folders::score_scan`],
-//! [`folders::score_photos`], and the experiments of [`published::run`]. The definitions of the scores are in [`score`]. Rendered people are not people: studies
+//! Every table is a function with fixed seeds: [`bodies::study`], [`tapes::study`], [`ablation::study`],
+//! [`folders::score_scan`], [`folders::score_photos`], and the experiments of [`published::run`]. The definitions of the
+//! scores are in [`score`]. Rendered people are not people: studies
 //! find what is weak and what a change does, they are no claim about photos of anybody.
 
 pub mod ablation;
@@ -11,6 +12,7 @@ pub mod people;
 pub mod published;
 pub mod score;
 pub mod table;
+pub mod tapes;
 mod trial;
 
 use std::sync::Mutex;

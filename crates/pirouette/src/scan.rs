@@ -3,6 +3,7 @@
 use pirouette_geom::{Grid, Mask};
 
 use crate::avatar::ReferencePose;
+use crate::avatar::mannequin::Sex;
 use crate::skeleton::Keypoints;
 use crate::units::TurnAngle;
 
@@ -16,10 +17,39 @@ pub struct Scan {
     pub pose: ReferencePose,
     /// Height of the person, in mm
     pub stature_mm: Option<f64>,
+    /// How that height is known
+    pub stature_from: StatureFrom,
+    /// Size of a pixel of the photos as given, at the turning axis, in mm
+    pub mm_per_px: Option<f64>,
+    /// What the person told besides
+    pub subject: Subject,
     /// What is known of the camera
     pub camera: CameraSetup,
     /// The views, in the order of the manifest or of the file names
     pub views: Vec<View>,
+}
+
+/// How the height of the person is known: it gives the scale of all lengths
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum StatureFrom {
+    /// The person said so
+    #[default]
+    Stated,
+    /// From a card of known size in a photo
+    Card,
+    /// From the size of a pixel at the turning axis
+    PixelSize,
+}
+
+/// What a person told about the body; statistics of a survey then support the measures, and say so
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Subject {
+    /// Sex
+    pub sex: Option<Sex>,
+    /// Body mass, in kg
+    pub mass_kg: Option<f64>,
+    /// Age, in years
+    pub age_years: Option<f64>,
 }
 
 /// What is known of the camera; the rest is estimated

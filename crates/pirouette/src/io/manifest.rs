@@ -7,12 +7,16 @@ use serde::Deserialize;
 use thiserror::Error;
 
 use crate::avatar::ReferencePose;
-use crate::scan::CameraSetup;
+use crate::avatar::mannequin::Sex;
+use crate::scan::{CameraSetup, Subject};
 
 /// Name of the manifest in a scan folder
 pub const FILE_NAME: &str = "scan.json";
 
 const STATURE_MM: RangeInclusive<f64> = 500.0..=2700.0;
+const MASS_KG: RangeInclusive<f64> = 10.0..=400.0;
+const AGE_YEARS: RangeInclusive<f64> = 0.0..=130.0;
+const MM_PER_PX: RangeInclusive<f64> = 0.05..=50.0;
 const VERTICAL_FOV_DEG: RangeInclusive<f64> = 2.0..=150.0;
 const CAMERA_HEIGHT_MM: RangeInclusive<f64> = 0.0..=10_000.0;
 const CAMERA_DISTANCE_MM: RangeInclusive<f64> = 300.0..=100_000.0;
@@ -26,6 +30,10 @@ pub struct Manifest {
     pub pose: ReferencePose,
     /// Height of the person, in mm
     pub stature_mm: Option<f64>,
+    /// Size of a pixel at the turning axis, in mm
+    pub mm_per_px: Option<f64>,
+    /// What the person told besides
+    pub subject: Subject,
     /// What is known of the camera
     pub camera: CameraSetup,
     /// The views; without any, the images of the folder are taken
@@ -77,7 +85,7 @@ pub enum ManifestError {
 #[serde(deny_unknown_fields)]
 struct File {
     pose: Option<PoseName>,
-    subject: Option<Subject>,
+    subject: Option<SubjectFile>,
     camera: Option<CameraFile>,
     views: Option<Vec<ManifestView>>,
 }
@@ -89,10 +97,20 @@ enum PoseName {
     T,
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields)]
-struct Subject {
+struct SubjectFile {
     stature_mm: Option<f64>,
+    sex: Option<SexName>,
+    mass_kg: Option<f64>,
+    age_years: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum SexName {
+    Female,
+    Male,
 }
 
 #[derive(Deserialize, Default)]
@@ -102,6 +120,7 @@ struct CameraFile {
     height_mm: Option<f64>,
     distance_mm: Option<f64>,
     pitch_deg: Option<f64>,
+    mm_per_px: Option<f64>,
 }
 
 /// Reads and checks a manifest
@@ -112,13 +131,24 @@ struct CameraFile {
 pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
     let file: File = serde_json::from_slice(json).map_err(ManifestError::Json)?;
     let camera = file.camera.unwrap_or_default();
-    let stature_mm = file.subject.and_then(|subject| subject.stature_mm);
+    let subject = file.subject.unwrap_or_default();
     let checked = Manifest {
         pose: match file.pose {
             Some(PoseName::T) => ReferencePose::T,
             Some(PoseName::A) | None => ReferencePose::A,
         },
-        stature_mm: within(stature_mm, STATURE_MM, || "subject.stature_mm".into())?,
+        stature_mm: within(subject.stature_mm, STATURE_MM, || {
+            "subject.stature_mm".into()
+        })?,
+        mm_per_px: within(camera.mm_per_px, MM_PER_PX, || "camera.mm_per_px".into())?,
+        subject: Subject {
+            sex: subject.sex.map(|sex| match sex {
+                SexName::Female => Sex::Female,
+                SexName::Male => Sex::Male,
+            }),
+            mass_kg: within(subject.mass_kg, MASS_KG, || "subject.mass_kg".into())?,
+            age_years: within(subject.age_years, AGE_YEARS, || "subject.age_years".into())?,
+        },
         camera: CameraSetup {
             vertical_fov_radians: within(camera.vertical_fov_deg, VERTICAL_FOV_DEG, || {
                 "camera.vertical_fov_deg".into()
@@ -227,14 +257,21 @@ mod tests {
     #[test]
     fn everything_is_read() {
         let manifest = parse_manifest(
-            br#"{ "pose": "t", "subject": { "stature_mm": 1748.0 },
-                 "camera": { "vertical_fov_deg": 50.0, "height_mm": 890, "distance_mm": 2400.0, "pitch_deg": -5 },
+            br#"{ "pose": "t", "subject": { "stature_mm": 1748.0, "sex": "male", "mass_kg": 81, "age_years": 44 },
+                 "camera": { "mm_per_px": 2.1, "vertical_fov_deg": 50.0, "height_mm": 890, "distance_mm": 2400.0, "pitch_deg": -5 },
                  "views": [ { "image": "a/000.jpg", "keypoints": "k.json", "angle_deg": 45, "mask": "m.png" } ] }"#,
         )
         .unwrap();
         assert_eq!(manifest.pose, ReferencePose::T);
         assert_eq!(manifest.stature_mm, Some(1748.0));
         assert_eq!(manifest.camera.height_mm, Some(890.0));
+        assert_eq!(manifest.mm_per_px, Some(2.1));
+        let subject = manifest.subject;
+        assert_eq!(
+            (subject.sex, subject.mass_kg),
+            (Some(Sex::Male), Some(81.0))
+        );
+        assert_eq!(subject.age_years, Some(44.0));
         let pitch = manifest.camera.pitch_radians.unwrap();
         assert!((pitch.to_degrees() + 5.0).abs() < 1e-9);
         let view = &manifest.views.unwrap()[0];
@@ -269,6 +306,7 @@ mod tests {
             ("height_mm", "-1"),
             ("distance_mm", "0"),
             ("pitch_deg", "90"),
+            ("mm_per_px", "0"),
         ] {
             let json = format!("{{ \"camera\": {{ \"{key}\": {value} }} }}");
             assert!(error(&json).contains(&format!("camera.{key}")));

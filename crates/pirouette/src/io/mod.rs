@@ -4,6 +4,7 @@
 //! the rest of the library trusts what it gets. Every file goes out whole or not at all.
 
 pub mod atomic;
+pub mod export;
 pub mod manifest;
 pub mod mesh;
 pub mod openpose;

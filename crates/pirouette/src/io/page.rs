@@ -22,6 +22,10 @@ pub(super) struct Page<'a> {
     pub warnings: Vec<String>,
     /// In the order of the table
     pub measurements: Vec<(Measure, Measured)>,
+    /// What size charts say, chart by chart
+    pub sizes: Vec<(String, String)>,
+    /// The body with its tapes, as a JPEG file
+    pub tapes: Option<Vec<u8>>,
     /// The contact sheet, as a JPEG file
     pub contact_sheet: Option<Vec<u8>>,
     /// One picture per view
@@ -86,6 +90,12 @@ pub(super) fn write_page(page: &Page) -> String {
     }
     add_warnings(&mut html, &page.warnings);
     add_measurements(&mut html, &page.measurements);
+    if let Some(tapes) = &page.tapes {
+        html.push_str("<div class=\"wide\">");
+        add_picture(&mut html, "the body with all tapes, front and side", tapes);
+        html.push_str("</div>\n");
+    }
+    add_sizes(&mut html, &page.sizes);
     if let Some(sheet) = &page.contact_sheet {
         html.push_str("<h2>All views</h2>\n<div class=\"wide\">");
         add_picture(&mut html, "all views at a glance", sheet);
@@ -153,7 +163,14 @@ fn add_measurements(html: &mut String, measurements: &[(Measure, Measured)]) {
     if measurements.is_empty() {
         return;
     }
-    let columns = ["mm", "left", "right", "above the floor", "scatter", "views"];
+    let columns = [
+        "mm",
+        "left",
+        "right",
+        "above the floor",
+        "deviation",
+        "views",
+    ];
     html.push_str("<h2>Measurements</h2>\n<div class=\"wide\"><table>\n<tr><th></th>");
     for column in columns {
         add(html, format_args!("<th class=\"number\">{column}</th>"));
@@ -178,6 +195,21 @@ fn add_measurements(html: &mut String, measurements: &[(Measure, Measured)]) {
     html.push_str("</table></div>\n");
 }
 
+fn add_sizes(html: &mut String, sizes: &[(String, String)]) {
+    if sizes.is_empty() {
+        return;
+    }
+    html.push_str("<h2>Sizes</h2>\n<table>\n");
+    for (chart, verdict) in sizes {
+        let (chart, verdict) = (escaped(chart), escaped(verdict));
+        add(
+            html,
+            format_args!("<tr><th>{chart}</th><td>{verdict}</td></tr>\n"),
+        );
+    }
+    html.push_str("</table>\n");
+}
+
 /// A cell with a number, or with a dash where there is none
 fn add_number(html: &mut String, number: Option<impl Display>) {
     match number {
@@ -189,9 +221,13 @@ fn add_number(html: &mut String, number: Option<impl Display>) {
 fn method_text(method: Method) -> &'static str {
     match method {
         Method::Given => "given",
+        Method::Scale => "the scale",
+        Method::WithStatistics => "photos and statistics of a survey",
         Method::SupportLines => "outlines of several views",
-        Method::HullSection => "section of the body",
-        Method::Silhouettes => "silhouettes",
+        Method::BodyTape => "section of the body",
+        Method::Combined => "outlines and section of the body",
+        Method::HullSection => "section of the hull",
+        Method::Body => "the body",
         Method::Avatar => "the person's skeleton",
     }
 }
@@ -270,7 +306,13 @@ mod tests {
             right_mm: Some(361.4),
             level_mm: None,
             sd_mm: Some(2.25),
+            scale_sd_mm: None,
             view_count: Some(7),
+            lines: None,
+            body: None,
+            contradicted: false,
+            pixels: None,
+            prior: None,
         }
     }
 
@@ -283,6 +325,8 @@ mod tests {
                 (Measure::CalfGirth, measured(Ok(360.6))),
                 (Measure::HipGirth, measured(Err(Unavailable::Hidden))),
             ],
+            sizes: vec![("shop <b>".into(), "M (80 %)".into())],
+            tapes: None,
             contact_sheet: Some(vec![0xff, 0xd8, 0xff]),
             views: vec![PageView {
                 name: "a\" onerror=\"b",
@@ -332,6 +376,7 @@ mod tests {
             "too few views show it",
             "<th>all</th><td class=\"number\">1.75</td>",
             "views: 2 of 3",
+            "<th>shop &lt;b&gt;</th><td>M (80 %)</td>",
         ] {
             assert!(html.contains(told), "{told} in {html}");
         }
@@ -345,6 +390,8 @@ mod tests {
             facts: Vec::new(),
             warnings: Vec::new(),
             measurements: Vec::new(),
+            sizes: Vec::new(),
+            tapes: None,
             contact_sheet: None,
             views: Vec::new(),
             camera: None,

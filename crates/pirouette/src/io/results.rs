@@ -20,8 +20,10 @@ use crate::io::photo::{encode_jpeg, encode_mask, resample, shrink};
 use crate::io::pictures::{draw_contact_sheet, draw_overlay, draw_residuals};
 use crate::io::scan_folder::LoadedScan;
 use crate::normalize::{JointPositions, LimbRefinement, Registration};
+use crate::picture::tape_sheet;
 use crate::pipeline::{Goal, Method, Report, ViewReport, Warning};
 use crate::scan::{Photo, View};
+use crate::sizes::Chart;
 use crate::skeleton::{Bone, Joint};
 
 /// Why results could not be written
@@ -61,6 +63,8 @@ pub struct ResultOptions<'a> {
     pub formats: &'a [MeshFormat],
     /// Title of `report.html`; without one, the page is not written
     pub page_title: Option<&'a str>,
+    /// Size charts; see [`crate::sizes`]
+    pub charts: &'a [Chart],
 }
 
 /// Writes all that a report holds into a result folder
@@ -111,12 +115,33 @@ pub fn write_results(
             }
         }
     }
+    let mut tapes = None;
+    let mut sizes = Vec::new();
     if let Some(measurements) = &report.measurements {
-        write_json(&folder.join("measurements.json"), &json!(measurements))?;
+        let advice = measurements.advise(options.charts);
+        write_json(
+            &folder.join("measurements.json"),
+            &measurements.to_json(&advice),
+        )?;
+        if let Some(mesh) = &report.body {
+            let file = folder.join("tapes.jpg");
+            let sheet = tape_sheet(mesh, measurements);
+            let jpeg = as_jpeg(&file, &sheet)?;
+            write_whole(&file, &jpeg)?;
+            tapes = Some(jpeg);
+        }
+        if measurements.in_mm() {
+            let advice = advice.into_iter();
+            sizes = advice.map(|a| (a.chart, a.verdict)).collect();
+        }
     }
     if let Some(title) = options.page_title {
         let overlays = page_overlays.into_iter().flatten().collect();
-        let page = page(title, loaded, load_seconds, report, contact_sheet, overlays);
+        let page = Page {
+            tapes,
+            sizes,
+            ..page(title, loaded, load_seconds, report, contact_sheet, overlays)
+        };
         write_whole(&folder.join("report.html"), write_page(&page).as_bytes())?;
     }
     // Last, so that a result.json stands for a whole result.
@@ -183,6 +208,8 @@ fn page<'a>(
             .iter()
             .flat_map(|m| m.iter().map(|(measure, measured)| (measure, *measured)))
             .collect(),
+        sizes: Vec::new(),
+        tapes: None,
         contact_sheet,
         views: views
             .map(|(found, overlay)| PageView {

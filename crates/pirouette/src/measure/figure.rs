@@ -1,31 +1,67 @@
-//! The measures of a figure whose surface is known.
+//! Tapes and landmarks of a figure by the shape that it has, and the measures of a figure whose surface is known.
 
-use super::{Landmark, Measure, expected_tape, lengths};
+use glam::DVec3;
+
+use super::lengths;
+use super::tape::Tape;
+use super::{Girth, Landmark, Measure};
 use crate::avatar::Avatar;
+use crate::avatar::landmarks::find_sections;
 
-/// Measures a figure along its own tape loops and landmarks, in mm: what is true about a rendered person
+/// A figure with its tapes and landmarks
+pub(super) struct Figure<'a> {
+    pub(super) avatar: &'a Avatar,
+    tapes: Vec<(Girth, Tape)>,
+    landmarks: Vec<(Landmark, u32)>,
+}
+
+impl<'a> Figure<'a> {
+    pub(super) fn new(avatar: &'a Avatar) -> Self {
+        let (sections, landmarks) = find_sections(avatar);
+        let tape = |section| Tape::of_section(section, avatar);
+        Self {
+            avatar,
+            tapes: sections
+                .iter()
+                .filter_map(|s| Some((s.girth, tape(s)?)))
+                .collect(),
+            landmarks,
+        }
+    }
+
+    pub(super) fn tape(&self, girth: Girth) -> Option<&Tape> {
+        let entry = self.tapes.iter().find(|(g, _)| *g == girth);
+        entry.map(|(_, tape)| tape)
+    }
+
+    /// All tapes as closed curves in space, world frame, mm
+    pub(super) fn tape_curves(&self) -> Vec<(Girth, Vec<DVec3>)> {
+        let curve = |(girth, tape): &(Girth, Tape)| (*girth, tape.points());
+        self.tapes.iter().map(curve).collect()
+    }
+
+    pub(super) fn landmark(&self, landmark: Landmark) -> Option<DVec3> {
+        let (_, vertex) = self.landmarks.iter().find(|(l, _)| *l == landmark)?;
+        self.avatar.mesh.positions.get(*vertex as usize).copied()
+    }
+}
+
+/// Measures a figure along its own tapes and landmarks, in mm: what is true about a rendered person
 ///
-/// Measures for which the figure has no loop or landmark are left out.
+/// Measures for which the figure has no place are left out.
 pub fn measure_figure(figure: &Avatar) -> Vec<(Measure, f64)> {
-    let height = |landmark| figure.landmark(landmark).map(|p| p.y);
-    let level = |measure: Measure| {
-        let girth = *measure.girths().first()?;
-        Some(expected_tape(figure, girth)?.center().y)
-    };
+    let found = Figure::new(figure);
     let value = |measure: Measure| match measure {
         Measure::Stature => Some(figure.stature_mm()),
-        Measure::ShoulderWidth => lengths::shoulder_width(figure).value_mm.ok(),
-        Measure::ArmLength => lengths::arm_length(figure).value_mm.ok(),
-        Measure::BackLength => lengths::back_length(figure).value_mm.ok(),
-        Measure::CrotchHeight => height(Landmark::Crotch),
-        Measure::BustHeight => level(Measure::BustGirth),
-        Measure::WaistHeight => level(Measure::WaistGirth),
-        Measure::HipHeight => level(Measure::HipGirth),
+        _ if measure.girths().is_empty() => {
+            let sides = lengths::of_figure(&found, measure)?;
+            Some(sides.iter().sum::<f64>() / sides.len() as f64)
+        }
         _ => {
             let girths: Option<Vec<f64>> = measure
                 .girths()
                 .iter()
-                .map(|&girth| Some(expected_tape(figure, girth)?.girth()))
+                .map(|&girth| Some(found.tape(girth)?.girth()))
                 .collect();
             let girths = girths?;
             Some(girths.iter().sum::<f64>() / girths.len() as f64)

@@ -1,70 +1,241 @@
-//! Lengths along the body: stature, shoulders, arms, back.
+//! Heights above the floor and lengths along the body.
 
-use glam::DVec3;
-use pirouette_geom::section::plane_section;
+use glam::{DVec2, DVec3};
+use pirouette_geom::section::{convex_hull, perimeter, plane_section};
 
-use super::{Landmark, MeasureInput, Measured, Method, Unavailable};
-use crate::avatar::Avatar;
+use super::figure::Figure;
+use super::{Estimate, Girth, Landmark, Measure, MeasureInput, Measured, Method, Unavailable};
+use crate::scan::StatureFrom;
 use crate::skeleton::Bone;
 
-/// The given stature, or else the height of the carved body
-pub(super) fn stature(input: &MeasureInput) -> Measured {
-    if let Some(given) = input.stature_mm {
-        return Measured::of(Ok(given), Method::Given);
+/// Standard deviation of the scale by a card, as a share: what tilt and edges of few pixels leave
+const CARD_SCALE_SD: f64 = 0.01;
+
+/// ... by a stated size of pixels
+const PIXEL_SCALE_SD: f64 = 0.005;
+
+/// Standard deviation of a stature that somebody told, in mm: people shrink by 10 to 20 mm over the day, and round
+const STATED_STATURE_SD_MM: f64 = 5.0;
+
+/// Standard deviation of the scale, as a share of all lengths
+pub(super) fn scale_sd(input: &MeasureInput) -> f64 {
+    match (input.stature_mm, input.stature_from) {
+        (Some(stature_mm), StatureFrom::Stated) => STATED_STATURE_SD_MM / stature_mm,
+        (Some(_), StatureFrom::Card) => CARD_SCALE_SD,
+        (Some(_), StatureFrom::PixelSize) => PIXEL_SCALE_SD,
+        // Lengths in units of the stature need no scale.
+        (None, _) => 0.0,
     }
-    let top = input.body.bounds().map(|(_, hi)| hi.y);
-    Measured::of(top.ok_or(Unavailable::NoBody), Method::Silhouettes)
+}
+
+/// The given stature, or else the height of the body
+pub(super) fn stature(input: &MeasureInput) -> Measured {
+    let exact = |value_mm| Estimate {
+        value_mm,
+        sd_mm: 0.0,
+    };
+    if let Some(given) = input.stature_mm {
+        let method = match input.stature_from {
+            StatureFrom::Stated => Method::Given,
+            StatureFrom::Card | StatureFrom::PixelSize => Method::Scale,
+        };
+        return Measured::of(Ok(exact(given)), method);
+    }
+    let height = input.body.bounds().map(|(lo, hi)| hi.y - lo.y);
+    Measured::of(height.map(exact).ok_or(Unavailable::NoBody), Method::Body)
+}
+
+/// Standard deviation of a height or length on the fitted body, in mm: from photos, and by given masks
+///
+/// So large that 68 % of the errors of random people lie within.
+fn own_sd(measure: Measure) -> [f64; 2] {
+    match measure {
+        Measure::ShoulderWidth => [15.0, 15.5],
+        Measure::BackLength | Measure::NapeToWaist => [8.3, 8.3],
+        Measure::CrotchHeight => [5.2, 5.0],
+        Measure::BustHeight => [7.7, 7.0],
+        Measure::WaistHeight => [3.3, 3.2],
+        Measure::HipHeight => [4.2, 4.2],
+        Measure::FootLength => [10.0, 1.4],
+        Measure::Rise => [9.7, 9.0],
+        Measure::ArmLength => [4.6, 4.6],
+        Measure::ShoulderToWrist => [4.0, 4.2],
+        _ => [8.0, 8.0],
+    }
+}
+
+/// On a figure that is not the person's body, in multiples
+const UNFITTED: f64 = 2.0;
+
+/// A height or a length
+pub(super) fn find(input: &MeasureInput, figure: &Figure, measure: Measure) -> Measured {
+    let (method, factor) = match input.fitted {
+        true => (Method::Body, 1.0),
+        false => (Method::Avatar, UNFITTED),
+    };
+    let Some(sides) = of_figure(figure, measure) else {
+        return Measured::of(Err(Unavailable::NoLandmark), method);
+    };
+    let of_side = |side: usize| sides.get(side).filter(|_| sides.len() == 2).copied();
+    let value_mm = sides.iter().sum::<f64>() / sides.len() as f64;
+    let [photos, given] = own_sd(measure);
+    let sd_mm = factor * input.between(photos, given);
+    Measured {
+        left_mm: of_side(0),
+        right_mm: of_side(1),
+        ..Measured::of(Ok(Estimate { value_mm, sd_mm }), method)
+    }
+}
+
+/// A height or a length on a figure, left and right where there are two
+pub(super) fn of_figure(figure: &Figure, measure: Measure) -> Option<Vec<f64>> {
+    let level = |girth| Some(vec![figure.tape(girth)?.center().y]);
+    match measure {
+        Measure::BustHeight => level(Girth::Bust),
+        Measure::WaistHeight => level(Girth::Waist),
+        Measure::HipHeight => level(Girth::Hip),
+        Measure::CrotchHeight => Some(vec![figure.landmark(Landmark::Crotch)?.y]),
+        Measure::ShoulderWidth => shoulder_width(figure).map(|v| vec![v]),
+        Measure::BackLength => nape_to_waist(figure, true).map(|v| vec![v]),
+        Measure::NapeToWaist => nape_to_waist(figure, false).map(|v| vec![v]),
+        Measure::Rise => rise(figure).map(|v| vec![v]),
+        Measure::ArmLength => Some(arm_length(figure)),
+        Measure::ShoulderToWrist => shoulder_to_wrist(figure),
+        Measure::FootLength => foot_length(figure),
+        _ => None,
+    }
 }
 
 /// From acromion to acromion over the nape, along the back
-pub(super) fn shoulder_width(avatar: &Avatar) -> Measured {
-    let ends = [Landmark::LeftAcromion, Landmark::RightAcromion].map(|l| avatar.landmark(l));
-    let width = match (ends, avatar.landmark(Landmark::Nape)) {
-        ([Some(left), Some(right)], Some(nape)) => {
-            let normal = (left - nape).cross(right - nape);
-            Ok(path_length(avatar, &[left, nape, right], normal))
-        }
-        _ => Err(Unavailable::NoLandmark),
-    };
-    Measured::of(width, Method::Avatar)
+fn shoulder_width(figure: &Figure) -> Option<f64> {
+    let [left, right] =
+        [Landmark::LeftAcromion, Landmark::RightAcromion].map(|l| figure.landmark(l));
+    let (left, right) = (left?, right?);
+    let nape = figure.landmark(Landmark::Nape)?;
+    let normal = (left - nape).cross(right - nape);
+    Some(path_length(figure, &[left, nape, right], normal))
 }
 
-/// From the nape down the middle of the back to the waist
-pub(super) fn back_length(avatar: &Avatar) -> Measured {
-    let ends = [Landmark::Nape, Landmark::WaistBack].map(|l| avatar.landmark(l));
-    let length = match ends {
-        [Some(nape), Some(waist)] => Ok(path_length(avatar, &[nape, waist], DVec3::X)),
-        _ => Err(Unavailable::NoLandmark),
-    };
-    Measured::of(length, Method::Avatar)
+/// From the nape down the middle of the back to the waist: along the skin, or taut
+fn nape_to_waist(figure: &Figure, taut: bool) -> Option<f64> {
+    let nape = figure.landmark(Landmark::Nape)?;
+    let waist = figure.landmark(Landmark::WaistBack)?;
+    Some(match taut {
+        true => taut_below(figure, nape, waist, DVec3::X, -DVec3::Z)
+            .unwrap_or_else(|| nape.distance(waist)),
+        false => path_length(figure, &[nape, waist], DVec3::X),
+    })
 }
 
-/// From the shoulder joint over the elbow to the wrist
-pub(super) fn arm_length(avatar: &Avatar) -> Measured {
+/// From the waist in front between the legs to the waist behind
+fn rise(figure: &Figure) -> Option<f64> {
+    let front = figure.landmark(Landmark::WaistFront)?;
+    let back = figure.landmark(Landmark::WaistBack)?;
+    taut_below(figure, front, back, DVec3::X, -DVec3::Y)
+}
+
+/// Length of a taut tape between two points in the plane through the first, on the side of `outward`
+fn taut_below(
+    figure: &Figure,
+    from: DVec3,
+    to: DVec3,
+    normal: DVec3,
+    outward: DVec3,
+) -> Option<f64> {
+    let loops = plane_section(&figure.avatar.mesh, from, normal);
+    let along = (to - from).try_normalize()?;
+    let side = (outward - along * outward.dot(along)).try_normalize()?;
+    let length = (to - from).length();
+    let flat = |p: DVec3| DVec2::new((p - from).dot(along), (p - from).dot(side));
+    let center = (from + to) / 2.0;
+    let nearest = loops.iter().min_by(|a, b| {
+        let distance = |points: &[DVec3]| {
+            points
+                .iter()
+                .map(|p| p.distance(from).min(p.distance(center) + length))
+                .fold(f64::INFINITY, f64::min)
+        };
+        distance(a).total_cmp(&distance(b))
+    })?;
+    let mut points: Vec<DVec2> = nearest
+        .iter()
+        .map(|&p| flat(p))
+        .filter(|p| p.y >= 0.0 && (0.0..=length).contains(&p.x))
+        .collect();
+    points.extend([DVec2::ZERO, DVec2::new(length, 0.0)]);
+    Some(perimeter(&convex_hull(&points)) - length)
+}
+
+/// From the shoulder joint over the elbow to the wrist joint
+fn arm_length(figure: &Figure) -> Vec<f64> {
     let length = |bones: [Bone; 3]| {
-        let [shoulder, elbow, wrist] = bones.map(|b| avatar.bone_heads[b as usize]);
+        let [shoulder, elbow, wrist] = bones.map(|b| figure.avatar.bone_heads[b as usize]);
         shoulder.distance(elbow) + elbow.distance(wrist)
     };
-    let left = length([Bone::LeftUpperArm, Bone::LeftForearm, Bone::LeftHand]);
-    let right = length([Bone::RightUpperArm, Bone::RightForearm, Bone::RightHand]);
-    Measured {
-        left_mm: Some(left),
-        right_mm: Some(right),
-        ..Measured::of(Ok((left + right) / 2.0), Method::Avatar)
-    }
+    vec![
+        length([Bone::LeftUpperArm, Bone::LeftForearm, Bone::LeftHand]),
+        length([Bone::RightUpperArm, Bone::RightForearm, Bone::RightHand]),
+    ]
+}
+
+/// From the acromion over the elbow joint to the outer side of the wrist
+fn shoulder_to_wrist(figure: &Figure) -> Option<Vec<f64>> {
+    [
+        (
+            Landmark::LeftAcromion,
+            Bone::LeftForearm,
+            Landmark::LeftWrist,
+        ),
+        (
+            Landmark::RightAcromion,
+            Bone::RightForearm,
+            Landmark::RightWrist,
+        ),
+    ]
+    .into_iter()
+    .map(|(acromion, elbow, wrist)| {
+        let elbow = figure.avatar.bone_heads[elbow as usize];
+        let (acromion, wrist) = (figure.landmark(acromion)?, figure.landmark(wrist)?);
+        Some(acromion.distance(elbow) + elbow.distance(wrist))
+    })
+    .collect()
+}
+
+/// Extent of each foot along the line from the heel to the toes
+fn foot_length(figure: &Figure) -> Option<Vec<f64>> {
+    let avatar = figure.avatar;
+    [Bone::LeftFoot, Bone::RightFoot]
+        .into_iter()
+        .map(|foot| {
+            let points: Vec<DVec2> = avatar
+                .mesh
+                .positions
+                .iter()
+                .zip(&avatar.weights)
+                .filter(|(_, weight)| weight.below(foot) >= 0.5)
+                .map(|(p, _)| DVec2::new(p.x, p.z))
+                .collect();
+            let hull = convex_hull(&points);
+            // The longest way across a foot runs from the heel to the toes.
+            let pairs = hull
+                .iter()
+                .flat_map(|a| hull.iter().map(move |b| a.distance(*b)));
+            pairs.reduce(f64::max)
+        })
+        .collect()
 }
 
 /// Length of the shorter way along the surface through points, in the plane through the first with this normal
 ///
 /// The straight way where the surface has no such section.
-fn path_length(avatar: &Avatar, points: &[DVec3], normal: DVec3) -> f64 {
+fn path_length(figure: &Figure, points: &[DVec3], normal: DVec3) -> f64 {
     let straight: f64 = points.windows(2).map(|p| p[0].distance(p[1])).sum();
     let along: Option<f64> = points
         .windows(2)
         .map(|p| {
             // A tape bridges hollows, but is never much longer than the straight way on a back.
             const MAX_DETOUR: f64 = 1.25;
-            let way = section_way(avatar, p[0], p[1], normal)?;
+            let way = section_way(figure, p[0], p[1], normal)?;
             (way < MAX_DETOUR * p[0].distance(p[1])).then_some(way)
         })
         .sum();
@@ -72,10 +243,10 @@ fn path_length(avatar: &Avatar, points: &[DVec3], normal: DVec3) -> f64 {
 }
 
 /// Length of the shorter way between two points along the section through both
-fn section_way(avatar: &Avatar, from: DVec3, to: DVec3, normal: DVec3) -> Option<f64> {
+fn section_way(figure: &Figure, from: DVec3, to: DVec3, normal: DVec3) -> Option<f64> {
     // Landmarks lie on the surface; a section that passes this far from one is another part's.
     const NEAR_MM: f64 = 15.0;
-    plane_section(&avatar.mesh, from, normal)
+    plane_section(&figure.avatar.mesh, from, normal)
         .iter()
         .filter_map(|points| {
             let nearest = |target: DVec3| {

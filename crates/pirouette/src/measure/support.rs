@@ -6,164 +6,99 @@
 //! over all angles, `2 pi` times its mean, and the mean follows from a Fourier series fitted through few
 //! angles, even or not. A hull carved from the same silhouettes would be longer: its corners stand out.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use faer::linalg::solvers::Solve;
-use glam::{DMat3, DVec2, DVec3};
-use pirouette_geom::section::{convex_hull, loop_normal, perimeter};
+use glam::{DAffine3, DVec2, DVec3};
 use pirouette_geom::{Grid, distance_map::bilinear};
 
+use super::tape::Tape;
 use crate::camera::Camera;
-use crate::carve::{CarveView, OutlineMap};
+use crate::carve::OutlineMap;
+use crate::pose::PosedBones;
 
-/// A view as the tape sees it
+/// A view as tapes see it
 pub(super) struct SeenView {
     outline: OutlineMap,
-    /// Coverage of the photo by the avatar: tells which outline belongs to which part
+    /// Coverage of the photo by the figure: tells which outline belongs to which part
     expected: Grid<f32>,
     camera: Camera,
-    world_from_room: DMat3,
+    /// The bones of the figure as this view shows it
+    posed: PosedBones,
 }
 
 impl SeenView {
-    /// `None` for an empty silhouette; `expected` is the avatar's coverage in the same photo
-    pub(super) fn new(view: &CarveView, expected: Grid<f32>) -> Option<Self> {
+    /// `None` for an empty silhouette; `expected` is the figure's coverage of the same photo
+    pub(super) fn new(
+        silhouette: &Grid<f32>,
+        camera: Camera,
+        posed: PosedBones,
+        expected: Grid<f32>,
+    ) -> Option<Self> {
         Some(Self {
-            outline: OutlineMap::new(view.silhouette)?,
+            outline: OutlineMap::new(silhouette)?,
             expected,
-            camera: view.camera,
-            world_from_room: view.turn.room_from_world().transpose(),
+            camera,
+            posed,
         })
-    }
-
-    /// Whether the avatar leaves a photo point free
-    fn expects_background(&self, point: DVec2) -> bool {
-        bilinear(&self.expected, point) < 0.5
-    }
-
-    fn camera_in_world(&self) -> DVec3 {
-        self.world_from_room * self.camera.center()
-    }
-
-    /// Photo point of a world point; `None` behind the camera
-    fn project(&self, point: DVec3) -> Option<DVec2> {
-        let in_room = self.world_from_room.transpose() * point;
-        (self.camera.depth(in_room) > 0.0).then(|| self.camera.project(in_room))
     }
 
     /// Direction of the line of sight seen from above, in radians from 0 to pi; opposite views have the same
     pub(super) fn line_of_sight(&self) -> f64 {
-        let direction = self.world_from_room * DVec3::Z;
-        direction
-            .x
-            .atan2(direction.z)
-            .rem_euclid(std::f64::consts::PI)
+        let direction = self.posed.transforms[0].matrix3.transpose() * DVec3::Z;
+        direction.x.atan2(direction.z).rem_euclid(PI)
     }
 
-    /// Height of the top of the gap between the legs, where the avatar has one in this view
-    ///
-    /// `crotch` is the expected height, `reach` how far around it to look, in mm.
-    pub(super) fn top_of_gap(&self, crotch: f64, reach: f64) -> Option<f64> {
-        const STEP_MM: f64 = 1.0;
-        let column = |height: f64| self.project(DVec3::Y * height);
-        // Seen from aside, one leg hides the other and the avatar has no gap.
-        let gap = column(crotch - reach)?;
-        if !self.expects_background(gap) {
-            return None;
+    fn sight(&self, tape: &Tape) -> Sight<'_> {
+        let room_from_tape = tape.room_from_reference(&self.posed);
+        Sight {
+            view: self,
+            room_from_tape,
+            tape_from_room: room_from_tape.inverse(),
         }
-        let inside = |height: f64| column(height).map(|p| self.outline.at(p.x, p.y) < 0.0);
-        let mut height = crotch - reach;
-        if inside(height)? {
-            return None;
-        }
-        while !inside(height)? {
-            height += STEP_MM;
-            if height > crotch + reach {
-                return None;
-            }
-        }
-        Some(height - STEP_MM / 2.0)
     }
 }
 
-/// The convex curve in which a tape is expected, in its plane
-#[derive(Debug, Clone)]
-pub(super) struct ExpectedTape {
-    /// A point inside
-    center: DVec3,
-    /// Axes of the plane
-    u: DVec3,
-    v: DVec3,
-    /// Convex hull of the avatar's loop around the center, counter-clockwise
-    hull: Vec<DVec2>,
+/// One tape in one view; points of the reference pose go with the flesh below the tape
+struct Sight<'a> {
+    view: &'a SeenView,
+    room_from_tape: DAffine3,
+    tape_from_room: DAffine3,
 }
 
-impl ExpectedTape {
-    /// The tape around a loop of points: in the plane across `normal`, or else in the plane of the loop
-    ///
-    /// `None` for a loop without area.
-    pub(super) fn new(points: &[DVec3], normal: Option<DVec3>) -> Option<Self> {
-        let normal = match normal {
-            Some(normal) => normal.try_normalize()?,
-            None => loop_normal(points)?,
-        };
-        let (u, v) = normal.any_orthonormal_pair();
-        let mean = points.iter().sum::<DVec3>() / points.len() as f64;
-        let flat = |p: &DVec3| DVec2::new((*p - mean).dot(u), (*p - mean).dot(v));
-        let mut hull = convex_hull(&points.iter().map(flat).collect::<Vec<_>>());
-        if hull.len() < 3 {
-            return None;
-        }
-        // The mean leans to where the loop has many points; the middle of the hull does not.
-        let middle = hull.iter().sum::<DVec2>() / hull.len() as f64;
-        for p in &mut hull {
-            *p -= middle;
-        }
-        Some(Self {
-            center: mean + u * middle.x + v * middle.y,
-            u,
-            v,
-            hull,
+impl Sight<'_> {
+    /// Whether the figure leaves a photo point free
+    fn expects_background(&self, point: DVec2) -> bool {
+        bilinear(&self.view.expected, point) < 0.5
+    }
+
+    fn camera_center(&self) -> DVec3 {
+        self.tape_from_room
+            .transform_point3(self.view.camera.center())
+    }
+
+    /// Photo point of a point of the reference pose; `None` behind the camera
+    fn project(&self, point: DVec3) -> Option<DVec2> {
+        (self.depth(point) > 0.0).then(|| {
+            let in_room = self.room_from_tape.transform_point3(point);
+            self.view.camera.project(in_room)
         })
     }
 
-    /// The same tape elsewhere
-    pub(super) fn moved(&self, by: DVec3) -> Self {
-        Self {
-            center: self.center + by,
-            ..self.clone()
-        }
+    fn depth(&self, point: DVec3) -> f64 {
+        let in_room = self.room_from_tape.transform_point3(point);
+        self.view.camera.depth(in_room)
     }
 
-    /// A point inside the tape
-    pub(super) fn center(&self) -> DVec3 {
-        self.center
+    /// Direction of the line of sight through a photo point
+    fn ray(&self, point: DVec2) -> DVec3 {
+        self.tape_from_room
+            .transform_vector3(self.view.camera.ray(point))
     }
 
-    /// Unit normal of the plane
-    pub(super) fn normal(&self) -> DVec3 {
-        self.u.cross(self.v)
-    }
-
-    /// Length of the expected tape, in mm
-    pub(super) fn girth(&self) -> f64 {
-        perimeter(&self.hull)
-    }
-
-    /// Distance from the center of the support line with this outward normal
-    fn support(&self, normal: DVec2) -> f64 {
-        self.hull
-            .iter()
-            .map(|p| p.dot(normal))
-            .fold(f64::NEG_INFINITY, f64::max)
-    }
-
-    fn lift(&self, point: DVec2) -> DVec3 {
-        self.center + self.u * point.x + self.v * point.y
-    }
-
-    fn flatten(&self, direction: DVec3) -> DVec2 {
-        DVec2::new(direction.dot(self.u), direction.dot(self.v))
+    /// Direction that is to the right in the photo
+    fn right(&self) -> DVec3 {
+        self.tape_from_room.transform_vector3(DVec3::X)
     }
 }
 
@@ -200,70 +135,65 @@ const CLEARANCE_MM: f64 = 12.0;
 const GRADIENT_REACH_PX: f64 = 2.0;
 
 /// Support lines of the tape in all views where its outline is free
-pub(super) fn find_lines(tape: &ExpectedTape, views: &[SeenView]) -> Vec<SupportLine> {
+pub(super) fn find_lines(tape: &Tape, views: &[SeenView]) -> Vec<SupportLine> {
     let mut lines = Vec::with_capacity(2 * views.len());
     for (index, view) in views.iter().enumerate() {
-        for touch in touching_points(tape, view).into_iter().flatten() {
-            lines.extend(find_line(tape, index, view, touch));
+        let sight = view.sight(tape);
+        for touch in touching_points(tape, &sight).into_iter().flatten() {
+            lines.extend(find_line(tape, index, &sight, touch));
         }
     }
     lines
 }
 
 /// Where the two lines of sight in the plane graze the expected tape; `None` where the view looks along its axis
-fn touching_points(tape: &ExpectedTape, view: &SeenView) -> Option<[DVec2; 2]> {
+fn touching_points(tape: &Tape, sight: &Sight) -> Option<[DVec2; 2]> {
     /// Nearer to the axis, the outline is that of a bent limb's end, not of its sides; in radii
     const MIN_DISTANCE_RADII: f64 = 3.0;
-    let eye = tape.flatten(view.camera_in_world() - tape.center);
-    let radius = tape.hull.iter().map(|p| p.length()).fold(0.0, f64::max);
+    let eye = tape.flatten(sight.camera_center() - tape.center());
+    let radius = tape.hull().iter().map(|p| p.length()).fold(0.0, f64::max);
     if eye.length() < MIN_DISTANCE_RADII * radius {
         return None;
     }
     let angle = |p: &DVec2| (-eye).angle_to(*p - eye);
     let by_angle = |a: &&DVec2, b: &&DVec2| angle(a).total_cmp(&angle(b));
-    let right = tape.hull.iter().min_by(by_angle)?;
-    let left = tape.hull.iter().max_by(by_angle)?;
+    let right = tape.hull().iter().min_by(by_angle)?;
+    let left = tape.hull().iter().max_by(by_angle)?;
     Some([*right, *left])
 }
 
-fn find_line(
-    tape: &ExpectedTape,
-    index: usize,
-    view: &SeenView,
-    touch: DVec2,
-) -> Option<SupportLine> {
-    let inner = view.project(tape.center)?;
-    let outer = view.project(tape.lift(touch))?;
+fn find_line(tape: &Tape, index: usize, sight: &Sight, touch: DVec2) -> Option<SupportLine> {
+    let inner = sight.project(tape.center())?;
+    let outer = sight.project(tape.lift(touch))?;
     let outward = (outer - inner).try_normalize()?;
     let extent = outer.distance(inner);
     // The avatar must show background right beyond the tape's edge.
-    let px_per_mm = view.camera.focal_px()
-        / view
-            .camera
-            .depth(view.world_from_room.transpose() * tape.center);
+    let camera = &sight.view.camera;
+    let px_per_mm = camera.focal_px() / sight.depth(tape.center());
     const PROBES: u32 = 4;
     for probe in 1..=PROBES {
         let beyond = CLEARANCE_MM * f64::from(probe) / f64::from(PROBES);
-        if !view.expects_background(outer + outward * beyond * px_per_mm) {
+        if !sight.expects_background(outer + outward * beyond * px_per_mm) {
             return None;
         }
     }
+    let outline = &sight.view.outline;
     let at = |t: f64| {
         let p = inner + outward * t;
-        view.outline.at(p.x, p.y)
+        outline.at(p.x, p.y)
     };
     let reach = MIN_REACH_MM * px_per_mm;
     let least = f64::min(MIN_EXTENT * extent, extent - reach);
     let most = f64::max(MAX_EXTENT * extent, extent + reach);
     let edge = inner + outward * nearest_edge(at, least, extent, most)?;
-    let (width, height) = (view.camera.width_px as f64, view.camera.height_px as f64);
+    let (width, height) = (camera.width_px as f64, camera.height_px as f64);
     let seen = edge.cmpgt(DVec2::splat(1.0)).all() && edge.x < width - 1.0 && edge.y < height - 1.0;
     if !seen {
         return None;
     }
     let slope = |step: DVec2| {
         let (after, before) = (edge + step, edge - step);
-        view.outline.at(after.x, after.y) - view.outline.at(before.x, before.y)
+        outline.at(after.x, after.y) - outline.at(before.x, before.y)
     };
     let across = DVec2::new(
         slope(DVec2::X * GRADIENT_REACH_PX),
@@ -275,22 +205,20 @@ fn find_line(
         return None;
     }
     let along = across.perp();
-    let ray = |p: DVec2| view.world_from_room * view.camera.ray(p);
-    let plane_normal = ray(edge).cross(ray(edge + along));
+    let plane_normal = sight.ray(edge).cross(sight.ray(edge + along));
     let trace = tape.flatten(plane_normal);
     let steepness = trace.length();
     // Where the touching plane is nearly parallel to the tape's, its trace is nowhere exact.
     if steepness < 0.3 * plane_normal.length() {
         return None;
     }
-    let offset_mm = plane_normal.dot(view.camera_in_world() - tape.center) / steepness;
+    let offset_mm = plane_normal.dot(sight.camera_center() - tape.center()) / steepness;
     let sign = if trace.dot(touch) < 0.0 { -1.0 } else { 1.0 };
-    let right = view.world_from_room * DVec3::X;
     Some(SupportLine {
         view: index,
         normal: trace * (sign / steepness),
         offset_mm: sign * offset_mm,
-        shift_rate: sign * plane_normal.dot(right) / steepness,
+        shift_rate: sign * plane_normal.dot(sight.right()) / steepness,
     })
 }
 
@@ -361,8 +289,9 @@ const SHIFT_SIGMA_MM: f64 = 12.0;
 
 /// Prior of the difference from the scaled avatar, per harmonic, as a part of the radius
 ///
-/// The first moves the center, the second makes the tape more or less flat, the third pear-shaped.
-const HARMONIC_SIGMAS: [f64; 3] = [0.4, 0.10, 0.03];
+/// The first moves the center, the second makes the tape more or less flat, the third pear-shaped,
+/// the fourth boxy.
+const HARMONIC_SIGMAS: [f64; 4] = [0.4, 0.10, 0.03, 0.015];
 
 /// Least prior of the center, in mm: thin limbs are misplaced by more than their radius
 const CENTER_SIGMA_MM: f64 = 25.0;
@@ -370,11 +299,11 @@ const CENTER_SIGMA_MM: f64 = 25.0;
 /// Prior of the girth itself, as a part of the avatar's: nearly free
 const SIZE_SIGMA: f64 = 0.5;
 
-/// Fits the avatar's tape, scaled and bent by three harmonics, to support lines; girths follow by Cauchy's formula
+/// Fits the avatar's tape, scaled and bent by four harmonics, to support lines; girths follow by Cauchy's formula
 ///
 /// Lines of limbs that hide the outline stand off and lose their weight. `None` without lines.
 pub(super) fn fit_girth(
-    tape: &ExpectedTape,
+    tape: &Tape,
     lines: &[SupportLine],
     view_count: usize,
 ) -> Option<FittedGirth> {
@@ -396,10 +325,8 @@ pub(super) fn fit_girth(
             return None;
         }
         // Wide at first, so that a wrong start does not condemn right lines; never below what is usual
-        let tolerance = f64::max(
-            0.15 * mean / (1 << round.min(4)) as f64,
-            3.0 * LINE_SIGMA_MM,
-        );
+        let wide = 0.15 * mean / (1 << round.min(4)) as f64;
+        let tolerance = wide.max(3.0 * LINE_SIGMA_MM);
         for (weight, residual) in weights.iter_mut().zip(&solved.residuals) {
             *weight = 1.0 / (1.0 + (residual / tolerance).powi(2)).powi(2);
         }
@@ -421,7 +348,7 @@ pub(super) fn fit_girth(
     })
 }
 
-/// Linear least squares for one round: mean radius, three harmonics, one shift per view
+/// Linear least squares for one round: mean radius, four harmonics, one shift per view
 struct Problem {
     /// Row per line: derivatives by the unknowns
     rows: Vec<Vec<f64>>,
@@ -442,7 +369,7 @@ struct Solved {
 
 impl Problem {
     fn new(
-        tape: &ExpectedTape,
+        tape: &Tape,
         lines: &[SupportLine],
         weights: &[f64],
         view_count: usize,

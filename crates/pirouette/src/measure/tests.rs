@@ -1,13 +1,16 @@
-use glam::{DMat3, DVec3};
-use pirouette_geom::Grid;
 use std::f64::consts::TAU;
 
+use glam::{DMat3, DVec3};
+use pirouette_geom::{Grid, TriMesh};
+use proptest::prelude::*;
+
+use super::support::{find_lines, fit_girth};
+use super::tape::Tape;
 use super::*;
-use crate::avatar::{ReferencePose, TapeLoop};
-use crate::camera::Camera;
+use crate::avatar::ReferencePose;
+use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
 use crate::pose::SkinWeight;
-use crate::skeleton::Joint;
-use crate::units::TurnAngle;
+use crate::skeleton::{Bone, Joint};
 
 /// Segments around a cylinder
 const AROUND: u32 = 180;
@@ -86,24 +89,27 @@ fn join(parts: &[Cylinder]) -> TriMesh {
     all
 }
 
-/// A figure of cylinders; the tape of `girth` goes around the first one's middle
-fn figure(parts: &[Cylinder], girth: Girth) -> Avatar {
+/// A figure of cylinders
+fn figure(parts: &[Cylinder]) -> Avatar {
     let mesh = join(parts);
-    let mut bone_heads = [DVec3::ZERO; Bone::COUNT];
-    bone_heads[Bone::LeftUpperArm as usize] = parts[0].middle - parts[0].half_axis;
-    bone_heads[Bone::LeftForearm as usize] = parts[0].middle + parts[0].half_axis;
     Avatar {
         weights: vec![SkinWeight::rigid(Bone::Root); mesh.positions.len()],
         mesh,
-        bone_heads,
+        bone_heads: [DVec3::ZERO; Bone::COUNT],
         keypoints: [DVec3::ZERO; Joint::COUNT],
-        tape_loops: vec![TapeLoop {
-            girth,
-            vertices: (AROUND..2 * AROUND).collect(),
-        }],
+        tape_loops: Vec::new(),
         landmarks: Vec::new(),
         pose: ReferencePose::A,
     }
+}
+
+/// The tape around the middle of the first cylinder of a figure
+fn tape(avatar: &Avatar, axis: DVec3) -> Tape {
+    let ring = (AROUND..2 * AROUND).map(|v| avatar.mesh.positions[v as usize]);
+    let points: Vec<DVec3> = ring.collect();
+    let root = SkinWeight::rigid(Bone::Root);
+    let carriers = points.iter().map(|&p| (p, root)).collect();
+    Tape::new(&points, axis, carriers).expect("a ring has an area")
 }
 
 fn camera() -> Camera {
@@ -133,53 +139,91 @@ fn render(parts: &[Cylinder], turns: &[f64]) -> Vec<Grid<f32>> {
         .collect()
 }
 
-fn views<'a>(silhouettes: &'a [Grid<f32>], turns: &[f64]) -> Vec<CarveView<'a>> {
-    silhouettes
-        .iter()
-        .zip(turns)
-        .map(|(silhouette, &degrees)| CarveView {
-            silhouette,
-            camera: camera(),
-            turn: TurnAngle::from_degrees(degrees),
+const EIGHT: [f64; 8] = [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0];
+
+fn even(count: usize) -> Vec<f64> {
+    (0..count)
+        .map(|i| 360.0 * i as f64 / count as f64)
+        .collect()
+}
+
+fn seen(avatar: &Avatar, silhouettes: &[Grid<f32>], turns: &[f64]) -> Vec<SeenView> {
+    let views = silhouettes.iter().zip(turns);
+    views
+        .filter_map(|(silhouette, &degrees)| {
+            let turn = TurnAngle::from_degrees(degrees);
+            see(
+                avatar,
+                &MeasureView {
+                    silhouette,
+                    camera: camera(),
+                    turn,
+                    pose: Pose::default(),
+                },
+            )
         })
         .collect()
 }
 
-const EIGHT: [f64; 8] = [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0];
-
-fn measured(avatar: &Avatar, silhouettes: &[Grid<f32>], turns: &[f64], of: Measure) -> Measured {
-    let views = views(silhouettes, turns);
-    let body = TriMesh::default();
-    let all = measure(&MeasureInput {
-        body: &body,
-        avatar,
-        fitted: false,
-        views: &views,
-        stature_mm: None,
-    });
-    *all.get(of)
+/// The girth of the first part by lines alone
+fn around(avatar: &Avatar, axis: DVec3, silhouettes: &[Grid<f32>], turns: &[f64]) -> f64 {
+    let views = seen(avatar, silhouettes, turns);
+    let tape = tape(avatar, axis);
+    let fitted = fit_girth(&tape, &find_lines(&tape, &views), views.len());
+    fitted.expect("the outlines are free").girth_mm
 }
 
 fn waist(avatar: &Avatar, silhouettes: &[Grid<f32>], turns: &[f64]) -> f64 {
-    let waist = measured(avatar, silhouettes, turns, Measure::WaistGirth);
-    assert_eq!(waist.method, Method::SupportLines);
-    waist.value_mm.expect("the outlines are free")
+    around(avatar, DVec3::Y, silhouettes, turns)
 }
 
-#[test]
-fn eight_views_of_an_elliptic_cylinder_give_its_girth() {
-    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])], Girth::Waist);
-    for radii in [[170.0, 120.0], [120.0, 120.0], [190.0, 150.0]] {
-        let body = Cylinder::upright(15.0, -20.0, radii);
-        let found = waist(&avatar, &render(&[body], &EIGHT), &EIGHT);
-        let error = found / body.girth() - 1.0;
-        assert!(error.abs() < 0.003, "{error} for {radii:?}");
+/// A silhouette moved by whole pixels
+fn shifted(silhouette: &Grid<f32>, by: isize) -> Grid<f32> {
+    Grid::from_fn(silhouette.width(), silhouette.height(), |x, y| {
+        *silhouette.get(x as isize - by, y as isize).unwrap_or(&0.0)
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(8))]
+
+    #[test]
+    fn an_elliptic_cylinder_has_its_girth(
+        breadth in 110.0..190.0f64,
+        flatness in 0.66..1.0f64,
+        x in -20.0..20.0f64,
+        z in -20.0..20.0f64,
+    ) {
+        let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
+        let body = Cylinder::upright(x, z, [breadth, breadth * flatness]);
+        for (count, limit) in [(8, 0.003), (9, 0.0015)] {
+            let turns = even(count);
+            let found = waist(&avatar, &render(&[body], &turns), &turns);
+            let error = found / body.girth() - 1.0;
+            prop_assert!(error.abs() < limit, "{} from {} views", error, count);
+        }
+    }
+
+    #[test]
+    fn a_silhouette_shifted_sideways_changes_no_girth(
+        breadth in 120.0..180.0f64,
+        flatness in 0.66..1.0f64,
+        view in 0..8usize,
+        by in prop::sample::select(vec![-10isize, 10]),
+    ) {
+        let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
+        let body = Cylinder::upright(0.0, 0.0, [breadth, breadth * flatness]);
+        let mut silhouettes = render(&[body], &EIGHT);
+        let before = waist(&avatar, &silhouettes, &EIGHT);
+        silhouettes[view] = shifted(&silhouettes[view], by);
+        let after = waist(&avatar, &silhouettes, &EIGHT);
+        prop_assert!((after - before).abs() < 2.0, "{} became {}", before, after);
     }
 }
 
 #[test]
 fn uneven_turns_give_the_girth_too() {
-    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])], Girth::Waist);
+    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
     let body = Cylinder::upright(10.0, 5.0, [160.0, 115.0]);
     for turns in [
         &[3.0, 41.0, 97.0, 128.0, 186.0, 240.0, 262.0, 325.0][..],
@@ -193,23 +237,6 @@ fn uneven_turns_give_the_girth_too() {
 }
 
 #[test]
-fn a_silhouette_shifted_sideways_changes_no_girth() {
-    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])], Girth::Waist);
-    let body = Cylinder::upright(0.0, 0.0, [165.0, 120.0]);
-    let mut silhouettes = render(&[body], &EIGHT);
-    let before = waist(&avatar, &silhouettes, &EIGHT);
-    for view in [0, 3, 6] {
-        let still = silhouettes[view].clone();
-        silhouettes[view] = Grid::from_fn(still.width(), still.height(), |x, y| {
-            *still.get(x as isize - 10, y as isize).unwrap_or(&0.0)
-        });
-        let after = waist(&avatar, &silhouettes, &EIGHT);
-        assert!((after - before).abs() < 2.0, "{before} became {after}");
-        silhouettes[view] = still;
-    }
-}
-
-#[test]
 fn arms_before_the_trunk_do_not_count_as_trunk() {
     let arms = |reach: f64, radius: f64| {
         [
@@ -219,7 +246,7 @@ fn arms_before_the_trunk_do_not_count_as_trunk() {
     };
     let [left, right] = arms(290.0, 40.0);
     let trunk = Cylinder::upright(0.0, 0.0, [130.0, 110.0]);
-    let avatar = figure(&[trunk, left, right], Girth::Waist);
+    let avatar = figure(&[trunk, left, right]);
     let [left, right] = arms(280.0, 45.0);
     let body = Cylinder::upright(0.0, 0.0, [160.0, 115.0]);
     let found = waist(&avatar, &render(&[body, left, right], &EIGHT), &EIGHT);
@@ -229,7 +256,7 @@ fn arms_before_the_trunk_do_not_count_as_trunk() {
 
 #[test]
 fn an_outline_that_another_limb_hides_is_an_outlier() {
-    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [140.0, 110.0])], Girth::Waist);
+    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [140.0, 110.0])]);
     let body = Cylinder::upright(0.0, 0.0, [160.0, 115.0]);
     let clean = render(&[body], &EIGHT);
     let mut silhouettes = clean.clone();
@@ -251,25 +278,58 @@ fn a_limb_is_measured_across_its_axis() {
         half_axis: DVec3::new(120.0, -130.0, 20.0),
         radii,
     };
-    let avatar = figure(&[arm([45.0, 45.0])], Girth::LeftUpperArm);
+    let avatar = figure(&[arm([45.0, 45.0])]);
     let body = arm([52.0, 52.0]);
-    let found = measured(
-        &avatar,
-        &render(&[body], &EIGHT),
-        &EIGHT,
-        Measure::UpperArmGirth,
-    );
-    let error = found.value_mm.expect("the arm is free") / body.girth() - 1.0;
+    let found = around(&avatar, body.half_axis, &render(&[body], &EIGHT), &EIGHT);
+    let error = found / body.girth() - 1.0;
     assert!(error.abs() < 0.01, "{error}");
-    assert_eq!(found.left_mm, found.value_mm.ok());
-    assert_eq!(found.right_mm, None);
+}
+
+#[test]
+fn a_tape_goes_with_the_pose_of_each_view() {
+    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
+    let body = Cylinder::upright(0.0, 0.0, [160.0, 120.0]);
+    let mesh = body.mesh();
+    let poses: Vec<Pose> = (0..8)
+        .map(|i| {
+            let mut pose = Pose::default();
+            let lean = [0.03, -0.05, 0.02, 0.04][i % 4];
+            pose.rotations[Bone::Root as usize] = DVec3::new(lean, 0.1 * lean, -lean);
+            pose.shift_mm = DVec3::new(400.0 * lean, 0.0, -300.0 * lean);
+            pose
+        })
+        .collect();
+    let views: Vec<SeenView> = poses
+        .iter()
+        .zip(EIGHT)
+        .filter_map(|(&pose, degrees)| {
+            let turn = TurnAngle::from_degrees(degrees);
+            let posed = pose_bones(&avatar.bone_heads, &pose, turn);
+            let weights = vec![SkinWeight::rigid(Bone::Root); mesh.positions.len()];
+            let positions = posed.skin(&mesh.positions, &weights);
+            let silhouette = render::silhouette(&positions, &mesh.triangles, &camera());
+            see(
+                &avatar,
+                &MeasureView {
+                    silhouette: &silhouette,
+                    camera: camera(),
+                    turn,
+                    pose,
+                },
+            )
+        })
+        .collect();
+    let tape = tape(&avatar, DVec3::Y);
+    let found = fit_girth(&tape, &find_lines(&tape, &views), views.len()).unwrap();
+    let error = found.girth_mm / body.girth() - 1.0;
+    assert!(error.abs() < 0.003, "{error}");
 }
 
 #[test]
 fn a_turn_of_all_views_with_body_and_avatar_changes_nothing() {
     let parts = [Cylinder::upright(20.0, 0.0, [150.0, 110.0])];
     let silhouettes = render(&parts, &EIGHT);
-    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 110.0])], Girth::Waist);
+    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 110.0])]);
     let before = waist(&avatar, &silhouettes, &EIGHT);
     let by = 25.0;
     let mut turned = avatar.clone();
@@ -281,51 +341,251 @@ fn a_turn_of_all_views_with_body_and_avatar_changes_nothing() {
     assert!((after - before).abs() < 0.01, "{before} became {after}");
 }
 
+fn woman(stature_mm: f64) -> Avatar {
+    let parameters = MannequinParameters {
+        sex: Sex::Female,
+        stature_mm: Some(stature_mm),
+        ..MannequinParameters::default()
+    };
+    mannequin(&parameters).expect("the parameters are sound")
+}
+
+fn measured(avatar: &Avatar, views: &[MeasureView], fitted: bool) -> Measurements {
+    measure(&MeasureInput {
+        body: &avatar.mesh,
+        avatar,
+        fitted,
+        views,
+        stature_mm: Some(avatar.stature_mm()),
+        stature_from: StatureFrom::Stated,
+        subject: Subject::default(),
+        given_masks: 1.0,
+    })
+}
+
 #[test]
-fn few_outlines_leave_the_section_of_the_hull() {
-    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])], Girth::Waist);
-    let body = Cylinder::upright(0.0, 0.0, [150.0, 150.0]);
-    let all = measure(&MeasureInput {
-        body: &body.mesh(),
-        avatar: &avatar,
-        fitted: false,
-        views: &[],
-        stature_mm: Some(1723.0),
-    });
-    let waist = all.get(Measure::WaistGirth);
+fn without_views_the_body_alone_speaks() {
+    let avatar = woman(1640.0);
+    let all = measured(&avatar, &[], true);
+    for (measure, true_mm) in measure_figure(&avatar) {
+        let found = all.get(measure);
+        let value_mm = found.value_mm.expect("the body has it");
+        assert!((value_mm - true_mm).abs() < 1e-6, "{measure:?}");
+        assert!(found.sd_mm.is_some_and(|sd| sd > 0.0), "{measure:?}");
+        assert!(found.lines.is_none());
+    }
+    assert_eq!(all.get(Measure::WaistGirth).method, Method::BodyTape);
+    // A figure that is not the person: the section of the hull, here of the figure itself, less what carving adds from
+    // the least that can be carved from, two directions.
+    let waist = measured(&avatar, &[], false);
+    let waist = waist.get(Measure::WaistGirth);
     assert_eq!(waist.method, Method::HullSection);
-    // Without views, the least that can be carved from is assumed: two directions, a square.
-    let expected = body.girth() * std::f64::consts::PI / 4.0;
-    let found = waist.value_mm.expect("the body has a section");
-    assert!(
-        (found / expected - 1.0).abs() < 1e-3,
-        "{found} for {expected}"
-    );
-    assert_eq!(all.value_mm(Measure::Stature), Some(1723.0));
+    let expected = all.value_mm(Measure::WaistGirth).unwrap() * std::f64::consts::PI / 4.0;
+    let found = waist.value_mm.unwrap();
+    assert!((found / expected - 1.0).abs() < 2e-3, "{found} {expected}");
+}
+
+#[test]
+fn outlines_and_body_are_combined_and_a_contradiction_is_told() {
+    let avatar = woman(1640.0);
+    let silhouettes = |avatar: &Avatar| -> Vec<Grid<f32>> {
+        EIGHT
+            .iter()
+            .map(|&degrees| {
+                let turn = TurnAngle::from_degrees(degrees).room_from_world();
+                let positions: Vec<DVec3> =
+                    avatar.mesh.positions.iter().map(|&p| turn * p).collect();
+                render::silhouette(&positions, &avatar.mesh.triangles, &camera())
+            })
+            .collect()
+    };
+    let views = |silhouettes: &[Grid<f32>]| {
+        let views = silhouettes.iter().zip(EIGHT);
+        let all: Vec<Measured> = {
+            let views: Vec<MeasureView> = views
+                .map(|(silhouette, degrees)| MeasureView {
+                    silhouette,
+                    camera: camera(),
+                    turn: TurnAngle::from_degrees(degrees),
+                    pose: Pose::default(),
+                })
+                .collect();
+            let all = measured(&avatar, &views, true);
+            [Measure::WaistGirth, Measure::HipGirth]
+                .map(|m| *all.get(m))
+                .to_vec()
+        };
+        all
+    };
+    let own = silhouettes(&avatar);
+    for same in views(&own) {
+        assert_eq!(same.method, Method::Combined);
+        assert!(!same.contradicted);
+        let (lines, body) = (same.lines.unwrap(), same.body.unwrap());
+        let error = lines.value_mm / body.value_mm - 1.0;
+        assert!(error.abs() < 0.01, "{error}");
+        let (low, high) = (
+            lines.value_mm.min(body.value_mm),
+            lines.value_mm.max(body.value_mm),
+        );
+        assert!((low..=high).contains(&same.value_mm.unwrap()));
+        assert!(same.sd_mm.unwrap() < lines.sd_mm.max(body.sd_mm) + 5.0);
+    }
+    let mut stouter = avatar.clone();
+    for p in &mut stouter.mesh.positions {
+        (p.x, p.z) = (1.15 * p.x, 1.15 * p.z);
+    }
+    let other = views(&silhouettes(&stouter));
+    assert!(other.iter().all(|m| m.contradicted), "{other:?}");
+}
+
+#[test]
+fn a_larger_scene_has_larger_measures() {
+    let (small, large) = (measure_figure(&woman(1500.0)), {
+        measure_figure(&woman(1500.0).scaled_to(1800.0))
+    });
+    for ((measure, a), (_, b)) in small.iter().zip(&large) {
+        // Levels are searched in steps.
+        assert!((b / a / 1.2 - 1.0).abs() < 2e-3, "{measure:?} {a} {b}");
+    }
+    // Camera and body of twice the size give the same photos, and tapes of twice the length.
+    let body = Cylinder::upright(10.0, 5.0, [150.0, 110.0]);
+    let silhouettes = render(&[body], &EIGHT);
+    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
+    let single = waist(&avatar, &silhouettes, &EIGHT);
+    let mut double = avatar.clone();
+    for p in &mut double.mesh.positions {
+        *p *= 2.0;
+    }
+    let far = Camera {
+        height_mm: 2.0 * camera().height_mm,
+        distance_mm: 2.0 * camera().distance_mm,
+        ..camera()
+    };
+    let views: Vec<SeenView> = silhouettes
+        .iter()
+        .zip(EIGHT)
+        .filter_map(|(silhouette, degrees)| {
+            see(
+                &double,
+                &MeasureView {
+                    silhouette,
+                    camera: far,
+                    turn: TurnAngle::from_degrees(degrees),
+                    pose: Pose::default(),
+                },
+            )
+        })
+        .collect();
+    let tape = tape(&double, DVec3::Y);
+    let found = fit_girth(&tape, &find_lines(&tape, &views), views.len()).unwrap();
+    let ratio = found.girth_mm / single;
+    assert!((ratio - 2.0).abs() < 0.004, "{ratio}");
 }
 
 #[test]
 fn what_cannot_be_had_is_null_with_the_reason() {
-    let mut avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])], Girth::Waist);
+    let mut avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
     avatar.mesh.positions[0] = DVec3::NAN;
-    let blank = [Grid::filled(600, 800, 0.0)];
+    let blank = Grid::filled(600, 800, 0.0);
+    let view = MeasureView {
+        silhouette: &blank,
+        camera: camera(),
+        turn: TurnAngle::default(),
+        pose: Pose::default(),
+    };
     let all = measure(&MeasureInput {
         body: &TriMesh::default(),
         avatar: &avatar,
         fitted: false,
-        views: &views(&blank, &[0.0]),
+        views: &[view],
         stature_mm: None,
+        stature_from: StatureFrom::Stated,
+        subject: Subject::default(),
+        given_masks: 1.0,
     });
-    let text = serde_json::to_value(&all).expect("measurements are plain data");
+    let text = all.to_json(&[]);
     let values = text["measurements_mm"].as_object().expect("an object");
     let keys: Vec<&str> = values.keys().map(String::as_str).collect();
     assert_eq!(keys, Measure::ALL.map(Measure::name));
     assert!(values["waist_girth"].is_null() && values["neck_girth"].is_null());
     let why = |key: &str| text["details"][key]["missing"].as_str().map(str::to_owned);
-    assert_eq!(why("stature").as_deref(), Some("the carved body is empty"));
-    assert_eq!(
-        why("neck_girth").as_deref(),
-        Some("the avatar has no tape loop or landmark for it")
+    assert_eq!(why("stature").as_deref(), Some("the body is empty"));
+    for key in ["neck_girth", "waist_girth"] {
+        assert!(why(key).is_some(), "{key}");
+    }
+}
+
+#[test]
+fn without_a_scale_lengths_are_in_units_of_the_stature() {
+    let avatar = woman(1640.0);
+    let input = MeasureInput {
+        body: &avatar.mesh,
+        avatar: &avatar,
+        fitted: true,
+        views: &[],
+        stature_mm: None,
+        stature_from: StatureFrom::Stated,
+        subject: Subject::default(),
+        given_masks: 1.0,
+    };
+    let (bare, scaled) = (measure(&input), measured(&avatar, &[], true));
+    let text = bare.to_json(&[]);
+    assert_eq!(text["unit"], "stature");
+    assert!(text["measurements_mm"]["hip_girth"].is_null());
+    let share = text["measurements_per_stature"]["hip_girth"].as_f64();
+    let expected = scaled.value_mm(Measure::HipGirth).unwrap() / 1640.0;
+    assert!((share.unwrap() - expected).abs() < 1e-4);
+    assert!(text["details"]["hip_girth"]["level_per_stature"].is_number());
+    assert_eq!(text["measurements_per_stature"]["stature"], 1.0);
+    assert!(bare.mass.is_none());
+    let sizes = bare.advise(&crate::sizes::built_in_charts());
+    assert!(sizes.iter().all(|advice| advice.sizes.is_empty()));
+}
+
+#[test]
+fn statistics_help_who_told_sex_and_mass_and_never_silently() {
+    let avatar = woman(1640.0);
+    let plain = measured(&avatar, &[], true);
+    let supported = measure(&MeasureInput {
+        body: &avatar.mesh,
+        avatar: &avatar,
+        fitted: true,
+        views: &[],
+        stature_mm: Some(1640.0),
+        stature_from: StatureFrom::Stated,
+        subject: Subject {
+            sex: Some(Sex::Female),
+            mass_kg: Some(90.0),
+            age_years: None,
+        },
+        given_masks: 1.0,
+    });
+    let (before, after) = (
+        plain.get(Measure::NeckGirth),
+        supported.get(Measure::NeckGirth),
     );
-    assert!(why("waist_girth").is_some());
+    assert_eq!(after.method, Method::WithStatistics);
+    assert_eq!(after.pixels.map(|p| p.value_mm), before.value_mm.ok());
+    let prior = after.prior.expect("the survey knows necks").value_mm;
+    let (low, high) = (
+        prior.min(before.value_mm.unwrap()),
+        prior.max(before.value_mm.unwrap()),
+    );
+    assert!((low..=high).contains(&after.value_mm.unwrap()));
+    assert!(after.sd_mm < before.sd_mm);
+    let text = supported.to_json(&[]);
+    assert!(text["details"]["neck_girth"]["pixels"]["mm"].is_number());
+    assert!(text["details"]["neck_girth"]["prior"]["sd_mm"].is_number());
+    assert!(text["details"]["waist_girth"]["prior"].is_null());
+    assert_eq!(text["subject"]["mass_kg"], 90.0);
+}
+
+#[test]
+fn a_body_has_the_mass_of_its_volume() {
+    let avatar = woman(1640.0);
+    let mass = measured(&avatar, &[], true).mass.expect("there is a body");
+    assert!((40.0..90.0).contains(&mass.mass_kg), "{mass:?}");
+    let larger = measured(&avatar.scaled_to(1968.0), &[], true).mass.unwrap();
+    assert!((larger.volume_l / mass.volume_l / 1.728 - 1.0).abs() < 1e-6);
 }

@@ -8,10 +8,12 @@ mod contact;
 mod font;
 mod overlay;
 mod residuals;
+mod tapes;
 
 pub use contact::{ContactView, contact_sheet};
 pub use overlay::{OverlayInput, SURE_CONFIDENCE, overlay};
 pub use residuals::{ResidualView, SeenBody, count_color, residual_sheet};
+pub use tapes::tape_sheet;
 
 use crate::skeleton::Joint;
 use canvas::Color;

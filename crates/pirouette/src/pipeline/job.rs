@@ -13,7 +13,7 @@ use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, CarveView, carve, carve_beside_avatar};
 use crate::color::{ColorOptions, ColorView, SurfaceColors, color_surface};
 use crate::fit::{CameraSpread, Fit, FitPrior, OutlineTargets, fit_body};
-use crate::measure::{MeasureInput, Measurements, measure};
+use crate::measure::{MeasureInput, MeasureView, Measurements, measure};
 use crate::normalize::{
     NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
     RegisterOptions, normalize, shared_skeleton_joints,
@@ -456,15 +456,34 @@ impl<'a> Job<'a> {
         body: &TriMesh,
     ) -> Result<Measurements, PipelineError> {
         let scan = self.scan;
-        self.stage(Stage::Measure, 1, |_| {
+        let found = self.stage(Stage::Measure, 1, |_| {
             measure(&MeasureInput {
                 body,
                 avatar: fit.map_or(&bundle.avatar, |fit| &fit.avatar),
                 fitted: fit.is_some(),
-                views: &carve_views(bundle, views),
+                views: &measure_views(bundle, fit, views),
                 stature_mm: scan.stature_mm,
+                stature_from: scan.stature_from,
+                subject: scan.subject,
+                given_masks: views
+                    .iter()
+                    .filter(|view| scan.views[view.index].mask.is_some())
+                    .count() as f64
+                    / views.len().max(1) as f64,
             })
-        })
+        })?;
+        for (measure, measured) in found.iter() {
+            if let (true, Some(lines), Some(body)) =
+                (measured.contradicted, measured.lines, measured.body)
+            {
+                self.warn(Warning::TapesDiffer {
+                    measure,
+                    lines_mm: lines.value_mm,
+                    body_mm: body.value_mm,
+                });
+            }
+        }
+        Ok(found)
     }
 }
 
@@ -550,7 +569,28 @@ fn normalize_view(
     )
 }
 
-/// The normalized silhouettes as carving and measuring see them
+/// Silhouettes as measuring sees them: photographed ones where the body's poses are known, else normalized ones
+fn measure_views<'a>(
+    bundle: &Bundle,
+    fit: Option<&Fit>,
+    views: &'a [ViewReport],
+) -> Vec<MeasureView<'a>> {
+    let view = |(place, view): (usize, &'a ViewReport)| {
+        let (silhouette, pose) = match fit {
+            Some(fit) => (&view.silhouette.soft, fit.poses[place]),
+            None => (&view.normalized.as_ref()?.soft, Pose::default()),
+        };
+        Some(MeasureView {
+            silhouette,
+            camera: bundle.cameras[view.index],
+            turn: bundle.turns[view.index],
+            pose,
+        })
+    };
+    views.iter().enumerate().filter_map(view).collect()
+}
+
+/// The normalized silhouettes as carving sees them
 fn carve_views<'a>(bundle: &Bundle, views: &'a [ViewReport]) -> Vec<CarveView<'a>> {
     views
         .iter()

@@ -4,6 +4,7 @@ use thiserror::Error;
 
 use crate::bundle::{BundleError, BundleWarning, Limb};
 use crate::io::scan_folder::ScanWarning;
+use crate::measure::Measure;
 use crate::normalize::NormalizeWarning;
 use crate::pipeline::{DropReason, Stage};
 use crate::skeleton::Joint;
@@ -37,6 +38,15 @@ pub enum Warning {
         view: String,
         warning: NormalizeWarning,
     },
+    #[error(
+        "{}: outlines say {lines_mm:.0} mm, the fitted body {body_mm:.0} mm; look at the silhouettes there",
+        measure.name().replace('_', " ")
+    )]
+    TapesDiffer {
+        measure: Measure,
+        lines_mm: f64,
+        body_mm: f64,
+    },
 }
 
 impl Warning {
@@ -48,7 +58,7 @@ impl Warning {
             | Warning::SidesSwapped { view, .. }
             | Warning::Outlier { view, .. }
             | Warning::Normalize { view, .. } => Some(view),
-            Warning::NoSkeleton(_) | Warning::Bundle(_) => None,
+            Warning::NoSkeleton(_) | Warning::Bundle(_) | Warning::TapesDiffer { .. } => None,
         }
     }
 
@@ -71,6 +81,7 @@ impl Warning {
             },
             Warning::SidesSwapped { .. } => "sides_swapped",
             Warning::Outlier { .. } => "outlier",
+            Warning::TapesDiffer { .. } => "tapes_differ",
             Warning::Normalize { warning, .. } => match warning {
                 NormalizeWarning::NoHandles => "no_handles",
                 NormalizeWarning::FewHandles { .. } => "few_handles",

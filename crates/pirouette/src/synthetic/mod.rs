@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use crate::avatar::{Avatar, render};
 use crate::camera::Camera;
 use crate::pose::{Pose, PosedBones, pose_bones};
-use crate::scan::{CameraSetup, Photo, Scan, View};
+use crate::scan::{CameraSetup, Photo, Scan, StatureFrom, Subject, View};
 use crate::skeleton::{Bone, Joint, Keypoint, Keypoints};
 use crate::units::TurnAngle;
 
@@ -157,6 +157,9 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
     let mut scan = Scan {
         pose: avatar.pose,
         stature_mm: Some(avatar.stature_mm()),
+        stature_from: StatureFrom::Stated,
+        mm_per_px: None,
+        subject: Subject::default(),
         camera: CameraSetup {
             vertical_fov_radians: Some(camera.vertical_fov_radians),
             height_mm: Some(camera.height_mm),

@@ -8,47 +8,33 @@
 //! Not promised: the girth of a loop's own polygon. Its vertices zigzag around the plane by up to half an edge; a tape is
 //! the convex hull of the plane section through them.
 
+mod levels;
 mod slice;
 
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 
-use super::TapeLoop;
+use super::{Avatar, ReferencePose, TapeLoop};
 use crate::measure::{Girth, Landmark};
-use crate::pose::SkinWeight;
+use crate::pose::{Pose, SkinWeight, pose_bones};
 use crate::skeleton::{Bone, Joint};
-use slice::{Plane, Slicer};
+use crate::units::TurnAngle;
+use levels::{BUST_MIN_X, Levels, STEP, profile, reach};
+pub use slice::Plane;
+use slice::Slicer;
 
-/// Natural waist as a share of the way from the hip joints up to the neck
-///
-/// A little above the navel. The middle between rib and crest of the survey lies 1 % of the stature higher,
-/// where tapering bodies are 20 to 50 mm thinner.
-const WAIST_SHARE: f64 = 0.26;
-
-/// Where the bust is sought, as shares of the way from the upper spine's head to the shoulders, and where it is put
-/// on bodies whose chest does not stand out
-const BUST_ZONE: [f64; 2] = [0.2, 0.75];
-const BUST_FALLBACK: f64 = 0.47;
-
-/// The strip beside the breast bone in which no bust point lies, as a share of the stature
-const BUST_MIN_X: f64 = 0.015;
-
-/// Where the seat is sought, relative to the hip joints, as shares of the stature
-const SEAT_ZONE: [f64; 2] = [-0.05, 0.045];
-
-/// Points of a profile within this many mm of its extreme are as extreme: skin is flat there, and the middle of the
-/// flat part moves less from body to body than its peak
-const PLATEAU_MM: f64 = 3.0;
-
-/// Where the crotch is sought, relative to the hip joints, as shares of the stature
-const CROTCH_ZONE: [f64; 2] = [-0.11, 0.01];
-
-/// How far above the crotch the fullest seat lies on average, as a share of the stature
-///
-/// Survey means are 0.023 for men and 0.032 for women. The rearmost point itself wanders by 0.03 with the hollow of the
-/// back, so the tape goes midway between the two: on bodies with known tapes within 4 mm, the rearmost point
-/// alone 14 to 22 mm too high.
-const SEAT_ABOVE_CROTCH: f64 = 0.025;
+/// Where a tape goes around a body
+#[derive(Debug, Clone)]
+pub struct Section {
+    /// What it measures
+    pub girth: Girth,
+    /// The plane of the tape, world frame, mm
+    pub plane: Plane,
+    /// Where the plane cuts the surface, in no order
+    pub points: Vec<DVec3>,
+    /// The vertices next to these points, in order along the tape
+    pub vertices: Vec<u32>,
+}
 
 /// Thigh below the crotch, as a share of the stature: below the fold of the seat
 const THIGH_BELOW_CROTCH: f64 = 0.034;
@@ -63,17 +49,22 @@ const ANKLE_ZONE: [f64; 2] = [0.0, 0.4];
 /// Where the smallest neck is sought, as shares of the way from the neck's to the head's joint
 const NECK_ZONE: [f64; 2] = [0.0, 0.75];
 
-/// How far below its thinnest place the neck is measured, as a share of the stature: there a collar settles
-const NECK_BELOW_THINNEST: f64 = 0.008;
+/// How far its plane leans forward, front lower, in degrees
+///
+/// Square to the spine of the neck, which leads forward by 10 degrees and more, tapes would cut into the nape.
+const NECK_TILT_DEGREES: f64 = 5.0;
+
+/// Step of its search, as a share of the stature
+const NECK_STEP: f64 = 0.002;
+
+/// Where the head is largest above the ears, as shares of the stature below the crown
+const HEAD_ZONE: [f64; 2] = [0.065, 0.03];
 
 /// Radius around the neck's axis, as a share of the stature, that holds the neck but not the shoulders or the chin
 const NECK_REACH: f64 = 0.06;
 
 /// Seventh cervical vertebra above the neck's joint, as a share of the stature
 const NAPE_ABOVE_NECK: f64 = 0.004;
-
-/// Step of the searches along the body, as a share of the stature
-const STEP: f64 = 0.001;
 
 /// Finds tape loops and landmarks of a body in a reference pose
 ///
@@ -89,7 +80,49 @@ pub fn find(
         return (Vec::new(), Vec::new());
     };
     let levels = Levels::find(&body);
-    (body.tape_loops(&levels), body.landmarks(&levels))
+    let loops = body.sections(&levels).into_iter().map(|section| TapeLoop {
+        girth: section.girth,
+        vertices: section.vertices,
+    });
+    (loops.collect(), body.landmarks(&levels))
+}
+
+/// The tapes of a figure by the shape that it has now, whatever its own loops say
+///
+/// Arms that are stretched out level lift the chest: bust and underbust are taken with the arms lowered. `None` for a
+/// girth whose part the surface lacks; landmarks are vertices of the same mesh.
+pub fn find_sections(avatar: &Avatar) -> (Vec<Section>, Vec<(Landmark, u32)>) {
+    let (mesh, weights, heads) = (&avatar.mesh, &avatar.weights, &avatar.bone_heads);
+    let Some(body) = Body::new(mesh, weights, heads) else {
+        return (Vec::new(), Vec::new());
+    };
+    let levels = Levels::find(&body);
+    let mut sections = body.sections(&levels);
+    if avatar.pose == ReferencePose::T {
+        let (lowered, lowered_heads) = lower_arms(avatar);
+        if let Some(body) = Body::new(&lowered, weights, &lowered_heads) {
+            let chest = |s: &Section| matches!(s.girth, Girth::Bust | Girth::Underbust);
+            sections.retain(|s| !chest(s));
+            let levels = Levels::find(&body);
+            sections.extend(body.sections(&levels).into_iter().filter(chest));
+        }
+    }
+    (sections, body.landmarks(&levels))
+}
+
+/// The surface and the bone heads of a figure in T-pose with the arms of an A-pose
+fn lower_arms(avatar: &Avatar) -> (TriMesh, [DVec3; Bone::COUNT]) {
+    let mut pose = Pose::default();
+    let angle = ReferencePose::A.arm_angle_degrees() - avatar.pose.arm_angle_degrees();
+    let down = DVec3::Z * angle.to_radians();
+    pose.rotations[Bone::LeftUpperArm as usize] = -down;
+    pose.rotations[Bone::RightUpperArm as usize] = down;
+    let posed = pose_bones(&avatar.bone_heads, &pose, TurnAngle::default());
+    let mesh = TriMesh {
+        positions: posed.skin(&avatar.mesh.positions, &avatar.weights),
+        triangles: avatar.mesh.triangles.clone(),
+    };
+    (mesh, std::array::from_fn(|b| posed.head(Bone::ALL[b])))
 }
 
 /// A body with its parts told apart
@@ -117,14 +150,6 @@ struct Limbs<'a> {
     foot: Bone,
     /// +1 to the person's left
     outward: f64,
-}
-
-/// Heights of the level tapes, in mm
-struct Levels {
-    bust: f64,
-    waist: f64,
-    seat: f64,
-    crotch: DVec3,
 }
 
 impl<'a> Body<'a> {
@@ -225,113 +250,27 @@ impl<'a> Body<'a> {
     }
 }
 
-impl Levels {
-    fn find(body: &Body<'_>) -> Self {
-        let stature = body.stature;
-        let hips = body.middle_of(Bone::LeftThigh, Bone::RightThigh);
-        let shoulders = body.middle_of(Bone::LeftUpperArm, Bone::RightUpperArm);
-        let spine = body.head(Bone::UpperSpine);
-
-        let chest = |share: f64| spine.y + share * (shoulders.y - spine.y);
-        let bust_heights = body.heights(chest(BUST_ZONE[0]), chest(BUST_ZONE[1]));
-        let chest_surface = body.trunk.between(chest(BUST_ZONE[0]), chest(BUST_ZONE[1]));
-        let side_level = |outward: f64| {
-            let beside = |p: DVec3| (p.x - spine.x) * outward > BUST_MIN_X * stature;
-            peak(&profile(&bust_heights, |y| {
-                reach(&chest_surface, y, 1.0, beside)
-            }))
-        };
-        let bust = match (side_level(1.0), side_level(-1.0)) {
-            (Some(left), Some(right)) => (left + right) / 2.0,
-            (Some(one), None) | (None, Some(one)) => one,
-            (None, None) => chest(BUST_FALLBACK),
-        };
-
-        let around_hips = |zone: [f64; 2]| zone.map(|share| hips.y + share * stature);
-        let [low, high] = around_hips(SEAT_ZONE);
-        let seat_heights = body.heights(low, high);
-        let seat_surface = body.trunk.between(low, high);
-        let seat = plateau(&profile(&seat_heights, |y| {
-            reach(&seat_surface, y, -1.0, |_| true)
-        }));
-
-        let [low, high] = around_hips(CROTCH_ZONE);
-        let mid_plane = Plane {
-            origin: hips,
-            normal: DVec3::X,
-        };
-        let crotch = body
-            .trunk
-            .cut(mid_plane)
-            .into_iter()
-            .map(|c| c.point)
-            .filter(|p| (low..high).contains(&p.y))
-            .min_by(|a, b| a.y.total_cmp(&b.y));
-
-        let crotch = crotch.unwrap_or(DVec3::new(hips.x, low, hips.z));
-        let average_seat = crotch.y + SEAT_ABOVE_CROTCH * stature;
-
-        let neck = body.head(Bone::Neck);
-        Self {
-            bust,
-            waist: hips.y + WAIST_SHARE * (neck.y - hips.y),
-            seat: seat.map_or(average_seat, |rearmost| (rearmost + average_seat) / 2.0),
-            crotch,
-        }
-    }
-}
-
-/// A quantity at each height where there is one
-fn profile(heights: &[f64], value: impl Fn(f64) -> Option<f64>) -> Vec<(f64, f64)> {
-    heights
-        .iter()
-        .filter_map(|&y| Some((y, value(y)?)))
-        .collect()
-}
-
-/// How far a section reaches along z, forward for `forward` 1 and backward for -1, among the points that `keep` allows
-fn reach(surface: &Slicer<'_>, y: f64, forward: f64, keep: impl Fn(DVec3) -> bool) -> Option<f64> {
-    surface
-        .cut(Plane::level(y))
-        .iter()
-        .filter(|c| keep(c.point))
-        .map(|c| c.point.z * forward)
-        .reduce(f64::max)
-}
-
-/// Where a profile has its highest local maximum inside, `None` when it only rises or falls
-fn peak(profile: &[(f64, f64)]) -> Option<f64> {
-    let (_, inside) = profile
-        .windows(3)
-        .filter(|w| w[0].1 <= w[1].1 && w[1].1 >= w[2].1)
-        .map(|w| (w[1].1, w[1].0))
-        .max_by(|a, b| a.0.total_cmp(&b.0))?;
-    Some(inside)
-}
-
-/// The middle of the heights at which a profile is within [`PLATEAU_MM`] of its maximum
-fn plateau(profile: &[(f64, f64)]) -> Option<f64> {
-    let top = profile.iter().map(|&(_, value)| value).reduce(f64::max)?;
-    let flat: Vec<f64> = profile
-        .iter()
-        .filter(|&&(_, value)| value >= top - PLATEAU_MM)
-        .map(|&(y, _)| y)
-        .collect();
-    Some(flat.iter().sum::<f64>() / flat.len() as f64)
-}
-
 impl Body<'_> {
-    fn tape_loops(&self, levels: &Levels) -> Vec<TapeLoop> {
+    fn sections(&self, levels: &Levels) -> Vec<Section> {
         let trunk = &self.trunk;
-        let mut loops = Vec::new();
+        let mut sections = Vec::new();
         let mut add = |girth: Girth, part: &Slicer<'_>, plane: Plane| {
-            if let Some(vertices) = part.tape(plane) {
-                loops.push(TapeLoop { girth, vertices });
+            if let Some((points, vertices)) = part.tape(plane) {
+                sections.push(Section {
+                    girth,
+                    plane,
+                    points,
+                    vertices,
+                });
             }
         };
+        if let Some(plane) = self.fullest_head() {
+            add(Girth::Head, trunk, plane);
+        }
         let (neck_part, neck_plane) = self.neck();
         add(Girth::Neck, &neck_part, neck_plane);
         add(Girth::Bust, trunk, Plane::level(levels.bust));
+        add(Girth::Underbust, trunk, Plane::level(levels.underbust));
         add(Girth::Waist, trunk, Plane::level(levels.waist));
         add(Girth::Hip, trunk, Plane::level(levels.seat));
         let [left, right] = [
@@ -389,7 +328,18 @@ impl Body<'_> {
                 add(wrist, &limbs.arm, plane);
             }
         }
-        loops
+        sections
+    }
+
+    /// The level plane over the ears around which the head is largest
+    fn fullest_head(&self) -> Option<Plane> {
+        let [low, high] = HEAD_ZONE.map(|share| (1.0 - share) * self.stature);
+        let head = self.trunk.between(low, high);
+        let girths = profile(&self.heights(low, high), |y| {
+            Some(head.girth(Plane::level(y))).filter(|&g| g > 0.0)
+        });
+        let largest = girths.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
+        largest.map(|(y, _)| Plane::level(y))
     }
 
     /// The neck's surface, and the plane across its axis where it is thinnest
@@ -407,20 +357,22 @@ impl Body<'_> {
             })
             .collect();
         let part = self.surface.part(&part);
-        let plane = |t: f64| Plane {
-            origin: low.lerp(high, t),
-            normal,
-        };
-        let step = STEP * self.stature / (high - low).length().max(1.0);
+        let step = NECK_STEP * self.stature / (high - low).length().max(1.0);
         let count = ((NECK_ZONE[1] - NECK_ZONE[0]) / step).clamp(1.0, 200.0) as usize;
-        let thinnest = (0..=count)
-            .map(|i| NECK_ZONE[0] + (NECK_ZONE[1] - NECK_ZONE[0]) * i as f64 / count as f64)
-            .map(|t| (t, part.girth(plane(t))))
+        let shares = (0..=count)
+            .map(|i| NECK_ZONE[0] + (NECK_ZONE[1] - NECK_ZONE[0]) * i as f64 / count as f64);
+        let (sin, cos) = f64::to_radians(NECK_TILT_DEGREES).sin_cos();
+        let across = |t: f64| Plane {
+            origin: low.lerp(high, t),
+            normal: DVec3::new(0.0, cos, sin),
+        };
+        let thinnest = shares
+            .map(across)
+            .map(|plane| (plane, part.girth(plane)))
             .filter(|&(_, girth)| girth > 0.0)
             .min_by(|a, b| a.1.total_cmp(&b.1));
-        let t = thinnest.map_or(0.5, |(t, _)| t);
-        let drop = NECK_BELOW_THINNEST * self.stature / (high - low).length().max(1.0);
-        (part, plane(t - drop))
+        let plane = thinnest.map_or(across(0.5), |(plane, _)| plane);
+        (part, plane)
     }
 
     fn landmarks(&self, levels: &Levels) -> Vec<(Landmark, u32)> {

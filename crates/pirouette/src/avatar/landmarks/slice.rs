@@ -18,10 +18,12 @@ pub(super) struct Crossing {
 }
 
 /// A plane by a point on it and its unit normal
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Plane {
-    pub(super) origin: DVec3,
-    pub(super) normal: DVec3,
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plane {
+    /// A point on it, in mm
+    pub origin: DVec3,
+    /// Unit normal
+    pub normal: DVec3,
 }
 
 impl Plane {
@@ -104,11 +106,11 @@ impl<'a> Slicer<'a> {
         perimeter(&convex_hull(&points))
     }
 
-    /// The vertices next to a section, around its center
+    /// The points of a section, and the vertices next to it around its center
     ///
     /// Each cut edge gives its nearer end; they are ordered by direction, which is the order along the tape for any
     /// section that its center sees. `None` with fewer than three.
-    pub(super) fn tape(&self, plane: Plane) -> Option<Vec<u32>> {
+    pub(super) fn tape(&self, plane: Plane) -> Option<(Vec<DVec3>, Vec<u32>)> {
         let crossings = self.cut(plane);
         let count = crossings.len() as f64;
         let center = crossings.iter().map(|c| c.point).sum::<DVec3>() / count;
@@ -125,7 +127,9 @@ impl<'a> Slicer<'a> {
             .collect();
         around.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         around.dedup_by_key(|entry| entry.1);
-        (around.len() >= 3).then(|| around.into_iter().map(|(_, vertex)| vertex).collect())
+        let vertices: Vec<u32> = around.into_iter().map(|(_, vertex)| vertex).collect();
+        let points = crossings.iter().map(|c| c.point).collect();
+        (vertices.len() >= 3).then_some((points, vertices))
     }
 }
 
@@ -163,7 +167,7 @@ mod tests {
             perimeter(&taut)
         };
         assert!((slicer.girth(plane) - expected).abs() < 1e-9);
-        let tape = slicer.tape(plane).unwrap();
+        let (_, tape) = slicer.tape(plane).unwrap();
         let start = tape.iter().position(|&v| v == 0).unwrap();
         let around: Vec<u32> = (0..6).map(|i| tape[(start + i) % 6]).collect();
         assert_eq!(around, [0, 1, 2, 3, 4, 5]);

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use crate::io::manifest::{self, Manifest, ManifestView};
-use crate::scan::{CameraSetup, Scan, View};
+use crate::scan::{CameraSetup, Scan, StatureFrom, View};
 use crate::units::TurnAngle;
 use view::{LoadedView, keypoint_places, load_view};
 
@@ -169,6 +169,9 @@ pub fn load_scan(folder: &Path, options: &LoadOptions) -> Result<LoadedScan, Sca
         scan: Scan {
             pose: manifest.pose,
             stature_mm: manifest.stature_mm,
+            stature_from: StatureFrom::default(),
+            mm_per_px: manifest.mm_per_px,
+            subject: manifest.subject,
             camera,
             views,
         },

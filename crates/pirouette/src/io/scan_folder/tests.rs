@@ -1,8 +1,9 @@
 use pirouette_geom::Mask;
 
 use super::*;
+use crate::avatar::mannequin::Sex;
 use crate::io::photo;
-use crate::scan::Photo;
+use crate::scan::{Photo, Subject};
 use crate::skeleton::{Joint, Keypoints};
 
 struct TestFolder(tempfile::TempDir);
@@ -256,6 +257,13 @@ fn a_written_scan_is_read_back() {
     let scan = Scan {
         pose: crate::avatar::ReferencePose::T,
         stature_mm: Some(1700.0),
+        stature_from: StatureFrom::default(),
+        mm_per_px: None,
+        subject: Subject {
+            sex: Some(Sex::Female),
+            mass_kg: Some(61.5),
+            age_years: Some(30.0),
+        },
         camera: CameraSetup {
             vertical_fov_radians: Some(0.75),
             pitch_radians: Some(0.125),
@@ -268,6 +276,7 @@ fn a_written_scan_is_read_back() {
     let read = folder.load().unwrap().scan;
     assert_eq!(read.pose, scan.pose);
     assert_eq!(read.stature_mm, scan.stature_mm);
+    assert_eq!(read.subject, scan.subject);
     let fov = read.camera.vertical_fov_radians.unwrap();
     assert!((fov - 0.75).abs() < 1e-12);
     assert_eq!(read.camera.height_mm, None);

@@ -6,6 +6,7 @@ use serde_json::json;
 use thiserror::Error;
 
 use crate::avatar::ReferencePose;
+use crate::avatar::mannequin::Sex;
 use crate::io::atomic::{WriteError, make_folder, write_whole};
 use crate::io::{manifest, photo};
 use crate::scan::{Scan, View};
@@ -93,8 +94,18 @@ fn manifest_of(scan: &Scan) -> serde_json::Value {
     let mut file = json!({
         "pose": match scan.pose { ReferencePose::A => "a", ReferencePose::T => "t" },
     });
-    if let Some(stature_mm) = scan.stature_mm {
-        file["subject"] = json!({ "stature_mm": stature_mm });
+    let subject = [
+        ("stature_mm", scan.stature_mm),
+        ("mass_kg", scan.subject.mass_kg),
+        ("age_years", scan.subject.age_years),
+    ];
+    for (key, value) in subject {
+        if let Some(value) = value {
+            file["subject"][key] = json!(value);
+        }
+    }
+    if let Some(sex) = scan.subject.sex.filter(|sex| *sex != Sex::Neutral) {
+        file["subject"]["sex"] = json!(sex.name());
     }
     let camera = [
         (
@@ -104,6 +115,7 @@ fn manifest_of(scan: &Scan) -> serde_json::Value {
         ("height_mm", scan.camera.height_mm),
         ("distance_mm", scan.camera.distance_mm),
         ("pitch_deg", scan.camera.pitch_radians.map(f64::to_degrees)),
+        ("mm_per_px", scan.mm_per_px),
     ];
     for (key, value) in camera {
         if let Some(value) = value {

@@ -1,0 +1,61 @@
+//! `pirouette size`: sizes of garments from a result folder.
+
+use anyhow::{Context, Result, bail};
+use pirouette::sizes::{Advice, Chart, ChartSex, advise};
+use serde_json::{Value, json};
+
+use crate::args::{Sex, SizeArgs};
+use crate::output::Output;
+use crate::scan_command::{charts, size_lines};
+
+/// Tells the sizes
+pub fn run(args: &SizeArgs, output: Output) -> Result<()> {
+    let file = if args.out.is_dir() {
+        args.out.join("measurements.json")
+    } else {
+        args.out.clone()
+    };
+    let charts = charts(args.chart.as_deref())?;
+    let text = std::fs::read_to_string(&file).with_context(|| {
+        format!(
+            "cannot read {}; give a result folder of `pirouette scan`",
+            file.display()
+        )
+    })?;
+    let found: Value =
+        serde_json::from_str(&text).with_context(|| format!("{} is no JSON", file.display()))?;
+    if !found["measurements_mm"].is_object() {
+        bail!("{} holds no measurements", file.display());
+    }
+    if found["unit"] == "stature" {
+        bail!(
+            "{} is in units of the stature: sizes need a scale; scan again with the stature or --scale card",
+            file.display()
+        );
+    }
+    let sex = match (args.sex, found["subject"]["sex"].as_str()) {
+        (Some(Sex::Female), _) | (None, Some("female")) => Some(ChartSex::Female),
+        (Some(Sex::Male), _) | (None, Some("male")) => Some(ChartSex::Male),
+        (None, _) => None,
+    };
+    let dimension = |key: &str| {
+        let value_mm = found["measurements_mm"][key].as_f64()?;
+        Some((
+            value_mm,
+            found["details"][key]["sd_mm"].as_f64().unwrap_or(0.0),
+        ))
+    };
+    let fits = |chart: &&Chart| sex.is_none() || chart.sex.is_none() || chart.sex == sex;
+    let advice: Vec<Advice> = charts
+        .iter()
+        .filter(fits)
+        .map(|chart| advise(chart, &dimension))
+        .collect();
+    if advice.is_empty() {
+        bail!("the chart is for the other sex; give --sex, or another chart");
+    }
+    output.done(
+        &size_lines(&advice),
+        || json!({ "ok": true, "sizes": advice }),
+    )
+}

@@ -1,0 +1,223 @@
+//! Girths: what outlines and the body say, and what follows from both.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+use pirouette_geom::TriMesh;
+use pirouette_geom::section::{plane_section, tape_length};
+
+use super::figure::Figure;
+use super::support::{FittedGirth, SeenView, find_lines, fit_girth};
+use super::tape::Tape;
+use super::{Estimate, Girth, Measure, MeasureInput, Measured, Method, Unavailable};
+
+/// Beyond this part of the girth, support lines say nothing
+///
+/// With half of the outlines hidden, a trunk's girth still has 2 %; limbs whose breadth alone is seen have 6 %.
+const MAX_RELATIVE_SD: f64 = 0.12;
+
+/// What is known of one tape
+struct Taped {
+    lines: Option<Estimate>,
+    body: Option<Estimate>,
+    body_method: Method,
+    level_mm: f64,
+    view_count: usize,
+}
+
+impl Taped {
+    fn both(&self) -> Option<Estimate> {
+        match (self.lines, self.body) {
+            (Some(lines), Some(body)) => Some(lines.combined(body)),
+            (one, other) => one.or(other),
+        }
+    }
+
+    fn method(&self) -> Method {
+        match (self.lines, self.body) {
+            (Some(_), Some(_)) => Method::Combined,
+            (Some(_), None) => Method::SupportLines,
+            _ => self.body_method,
+        }
+    }
+}
+
+/// Finds a girth, the mean of both sides where there are two
+pub(super) fn find(
+    input: &MeasureInput,
+    figure: &Figure,
+    views: &[SeenView],
+    measure: Measure,
+) -> Measured {
+    let tapes: Vec<Result<Taped, Unavailable>> = measure
+        .girths()
+        .iter()
+        .map(|&girth| {
+            let tape = figure.tape(girth).ok_or(Unavailable::NoLandmark)?;
+            let taped = tape_at(input, tape, girth, views);
+            taped.both().map(|_| taped).ok_or(Unavailable::Hidden)
+        })
+        .collect();
+    let found: Vec<&Taped> = tapes.iter().flatten().collect();
+    let of = |which: fn(&Taped) -> Option<Estimate>| {
+        let all: Option<Vec<Estimate>> = found.iter().map(|t| which(t)).collect();
+        Estimate::mean(&all?)
+    };
+    let (Some(first), Some(value)) = (found.first(), of(Taped::both)) else {
+        let why = tapes.iter().find_map(|t| t.as_ref().err().copied());
+        let why = why.unwrap_or(Unavailable::NoLandmark);
+        return Measured::of(Err(why), Method::SupportLines);
+    };
+    let of_side = |side: usize| {
+        let tape = tapes.get(side).filter(|_| tapes.len() == 2)?;
+        Some(tape.as_ref().ok()?.both()?.value_mm)
+    };
+    let (lines, body) = (of(|t| t.lines), of(|t| t.body));
+    // The weaker method speaks for both.
+    let method = found.iter().map(|t| t.method());
+    let combined = |m: &Method| *m == Method::Combined;
+    Measured {
+        left_mm: of_side(0),
+        right_mm: of_side(1),
+        level_mm: Some(found.iter().map(|t| t.level_mm).sum::<f64>() / found.len() as f64),
+        view_count: found.iter().map(|t| t.view_count).min(),
+        contradicted: lines.zip(body).is_some_and(|(l, b)| l.contradicts(b)),
+        lines,
+        body,
+        ..Measured::of(
+            Ok(value),
+            method
+                .clone()
+                .find(|m| !combined(m))
+                .unwrap_or(first.method()),
+        )
+    }
+}
+
+/// How much of the deviation that a fit of lines tells counts: its shape is that of the fitted body, its priors are for bodies
+/// that may have any shape
+const LINES_SD_SHARE: f64 = 0.2;
+
+/// Standard deviation of girths by support lines and along the fitted body, as shares: two from photos, two by given masks
+///
+/// So large that 68 % of the errors of random people lie within. But wrists and necks of the fitted body have the shape of
+/// the figure it started from, which random people made from the same figure share, and others do not.
+fn own_sd(girth: Girth) -> [f64; 4] {
+    match girth {
+        Girth::Head => [0.008, 0.0062, 0.008, 0.006],
+        Girth::Neck => [0.030, 0.036, 0.016, 0.015],
+        Girth::Bust => [0.015, 0.0125, 0.013, 0.0115],
+        Girth::Underbust => [0.017, 0.016, 0.017, 0.016],
+        Girth::Waist => [0.0105, 0.0105, 0.0085, 0.0085],
+        Girth::Hip => [0.0065, 0.006, 0.0055, 0.006],
+        Girth::LeftThigh | Girth::RightThigh => [0.0075, 0.0075, 0.007, 0.0055],
+        Girth::LeftKnee | Girth::RightKnee => [0.0065, 0.0065, 0.005, 0.005],
+        Girth::LeftCalf | Girth::RightCalf => [0.005, 0.0047, 0.0047, 0.0045],
+        Girth::LeftAnkle | Girth::RightAnkle => [0.006, 0.007, 0.005, 0.007],
+        Girth::LeftUpperArm | Girth::RightUpperArm => [0.009, 0.0075, 0.005, 0.006],
+        Girth::LeftWrist | Girth::RightWrist => [0.0135, 0.100, 0.008, 0.100],
+    }
+}
+
+/// Standard deviation of girths along carved hulls, as a share
+const HULL_SD: f64 = 0.05;
+
+fn tape_at(input: &MeasureInput, tape: &Tape, girth: Girth, views: &[SeenView]) -> Taped {
+    let fitted = match girth {
+        Girth::Neck => thinnest_by_lines(tape, views),
+        _ => girth_by_lines(tape, views),
+    };
+    let [lines_sd, body_sd] = {
+        let [lines, body, given_lines, given_body] = own_sd(girth);
+        [
+            input.between(lines, given_lines),
+            input.between(body, given_body),
+        ]
+    };
+    let lines = fitted.map(|f| Estimate {
+        value_mm: f.girth_mm,
+        sd_mm: match input.fitted {
+            true => (LINES_SD_SHARE * f.sd_mm).hypot(lines_sd * f.girth_mm),
+            false => f.sd_mm.hypot(lines_sd * f.girth_mm),
+        },
+    });
+    let (body, body_method) = if input.fitted {
+        let value_mm = tape.girth();
+        let sd_mm = body_sd * value_mm;
+        (Some(Estimate { value_mm, sd_mm }), Method::BodyTape)
+    } else {
+        (hull_girth(input.body, tape, views), Method::HullSection)
+    };
+    Taped {
+        lines,
+        body,
+        body_method,
+        level_mm: tape.center().y,
+        view_count: fitted.map_or(0, |f| f.view_count),
+    }
+}
+
+fn girth_by_lines(tape: &Tape, views: &[SeenView]) -> Option<FittedGirth> {
+    let fitted = fit_girth(tape, &find_lines(tape, views), views.len());
+    fitted.filter(|f| f.sd_mm < MAX_RELATIVE_SD * f.girth_mm)
+}
+
+/// The smallest girth by lines around a tape: masks that fill the hollow of the neck move its thinnest place on the body
+fn thinnest_by_lines(tape: &Tape, views: &[SeenView]) -> Option<FittedGirth> {
+    const STEP_MM: f64 = 5.0;
+    /// Lower, and the shoulders begin; higher, and the chin
+    const STEPS: std::ops::RangeInclusive<i32> = -2..=4;
+    /// Where outlines are hidden, girths scatter, and the smallest would be the worst of them
+    const WORST_SD_RATIO: f64 = 1.5;
+    let fitted: Vec<FittedGirth> = STEPS
+        .filter_map(|step| {
+            let by = tape.normal() * (f64::from(step) * STEP_MM);
+            girth_by_lines(&tape.moved(by), views)
+        })
+        .collect();
+    let best_sd = fitted.iter().map(|f| f.sd_mm).fold(f64::INFINITY, f64::min);
+    fitted
+        .into_iter()
+        .filter(|f| f.sd_mm <= WORST_SD_RATIO * best_sd)
+        .min_by(|a, b| a.girth_mm.total_cmp(&b.girth_mm))
+}
+
+/// The section of the carved hull, less what carving adds
+fn hull_girth(body: &TriMesh, tape: &Tape, views: &[SeenView]) -> Option<Estimate> {
+    let loops = plane_section(body, tape.center(), tape.normal());
+    let nearest = loops.iter().min_by(|a, b| {
+        let distance = |points: &[DVec3]| {
+            (points.iter().sum::<DVec3>() / points.len() as f64).distance(tape.center())
+        };
+        distance(a).total_cmp(&distance(b))
+    })?;
+    // Another limb, or limbs that the hull melts together, would be far from what is expected.
+    let length = tape_length(nearest);
+    let plausible = (0.5..2.0).contains(&(length / tape.girth()));
+    let value_mm = length / hull_excess(views);
+    plausible.then_some(Estimate {
+        value_mm,
+        sd_mm: HULL_SD * value_mm,
+    })
+}
+
+/// By how much the hull of a round body is longer around than the body itself
+///
+/// `n` evenly spread lines of sight turn a circle into a polygon with `2 n` sides; opposite views share a line.
+fn hull_excess(views: &[SeenView]) -> f64 {
+    /// Lines of sight nearer to each other than this count as one
+    const SAME_LINE_RADIANS: f64 = 0.05;
+    let mut lines: Vec<f64> = Vec::new();
+    for view in views {
+        let line = view.line_of_sight();
+        let same = |other: &f64| {
+            let difference = (line - other).abs();
+            difference.min(PI - difference) < SAME_LINE_RADIANS
+        };
+        if !lines.iter().any(same) {
+            lines.push(line);
+        }
+    }
+    let n = lines.len().max(2) as f64;
+    2.0 * n / PI * (PI / (2.0 * n)).tan()
+}

@@ -1,0 +1,64 @@
+//! Volume of the body, and the mass that follows from it.
+
+use serde_json::{Value, json};
+
+use super::MeasureInput;
+
+/// Mass over volume of a person who breathes quietly, in kg/l: tissue of 1.05 kg/l, and three liters of air
+const DENSITY_KG_PER_L: f64 = 0.99;
+
+/// Standard deviation of the density over people, lean to fat, as a share
+const DENSITY_SD: f64 = 0.015;
+
+/// Standard deviation of the volume of a fitted body, as a share; that of a carved hull is as large as its excess
+const FITTED_VOLUME_SD: f64 = 0.02;
+const HULL_VOLUME_SD: f64 = 0.10;
+
+/// Volume and mass of a body
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodyMass {
+    /// Volume of the body, in l
+    pub volume_l: f64,
+    /// Its standard deviation
+    pub volume_sd_l: f64,
+    /// Mass by the volume, in kg
+    pub mass_kg: f64,
+    /// Its standard deviation
+    pub mass_sd_kg: f64,
+    /// Mass that the person told, in kg
+    pub stated_kg: Option<f64>,
+}
+
+/// Volume and mass; `None` without a body or without a scale
+pub(super) fn find(input: &MeasureInput, scale_sd: f64) -> Option<BodyMass> {
+    let volume_l = input.body.volume() / 1e6;
+    if input.stature_mm.is_none() || volume_l.is_nan() || volume_l <= 0.0 {
+        return None;
+    }
+    let own = match input.fitted {
+        true => FITTED_VOLUME_SD,
+        false => HULL_VOLUME_SD,
+    };
+    let share = own.hypot(3.0 * scale_sd);
+    let mass_kg = DENSITY_KG_PER_L * volume_l;
+    Some(BodyMass {
+        volume_l,
+        volume_sd_l: share * volume_l,
+        mass_kg,
+        mass_sd_kg: share.hypot(DENSITY_SD) * mass_kg,
+        stated_kg: input.subject.mass_kg,
+    })
+}
+
+impl BodyMass {
+    pub(super) fn to_json(self) -> Value {
+        let tenths = |value: f64| (value * 10.0).round() / 10.0;
+        json!({
+            "volume_l": tenths(self.volume_l),
+            "volume_sd_l": tenths(self.volume_sd_l),
+            "mass_kg": tenths(self.mass_kg),
+            "mass_sd_kg": tenths(self.mass_sd_kg),
+            "stated_mass_kg": self.stated_kg,
+        })
+    }
+}

@@ -1,0 +1,99 @@
+//! What a survey says about people of a sex, stature and mass, where the person told these.
+//!
+//! Regressions on ANSUR II (`assets/README.md`) are one more estimate beside that from pixels, which is always told, too.
+//! Age is not in the survey's regressions and changes nothing.
+
+use super::{Estimate, Measure, MeasureInput, Measured, Method};
+use crate::avatar::mannequin::Sex;
+
+const TABLE: &str = include_str!("../../../../assets/ansur2_regressions.csv");
+
+/// Tapes of the survey lie a little elsewhere, and its people are soldiers: standard deviation of that, as a share
+const DEFINITION_SD: f64 = 0.02;
+
+/// Girth of a relaxed upper arm over that of a flexed one, as the survey has it
+const RELAXED_OVER_FLEXED: f64 = 0.945;
+
+/// The survey's dimension for a measure, and by what to multiply it; the survey's waist lies elsewhere
+fn dimension(measure: Measure) -> Option<(&'static str, f64)> {
+    Some(match measure {
+        Measure::NeckGirth => ("neck_girth", 1.0),
+        Measure::BustGirth => ("chest_girth", 1.0),
+        Measure::HipGirth => ("hip_girth", 1.0),
+        Measure::ThighGirth => ("thigh_girth", 1.0),
+        Measure::CalfGirth => ("calf_girth", 1.0),
+        Measure::AnkleGirth => ("ankle_girth", 1.0),
+        Measure::UpperArmGirth => ("biceps_flexed_girth", RELAXED_OVER_FLEXED),
+        Measure::WristGirth => ("wrist_girth", 1.0),
+        Measure::HeadGirth => ("head_girth", 1.0),
+        Measure::FootLength => ("foot_length", 1.0),
+        Measure::CrotchHeight => ("crotch_height", 1.0),
+        _ => return None,
+    })
+}
+
+/// What the survey expects; `None` when it does not have the measure
+pub(super) fn expect(
+    measure: Measure,
+    sex: Sex,
+    stature_mm: f64,
+    mass_kg: f64,
+) -> Option<Estimate> {
+    let (dimension, factor) = dimension(measure)?;
+    let row = TABLE.lines().find_map(|line| {
+        let cells: Vec<&str> = line.split(',').collect();
+        (cells.first() == Some(&dimension) && cells.get(1) == Some(&sex.name())).then_some(cells)
+    })?;
+    let number = |i: usize| row.get(i)?.parse::<f64>().ok();
+    let stature_m = stature_mm / 1000.0;
+    let mean = number(4)? + number(5)? * stature_m + number(6)? * (mass_kg / stature_m).sqrt();
+    let value_mm = factor * mean;
+    Some(Estimate {
+        value_mm,
+        sd_mm: (factor * number(7)?).hypot(DEFINITION_SD * value_mm),
+    })
+}
+
+/// Supports a measured value by the survey, where the person told sex, stature and mass
+pub(super) fn support(input: &MeasureInput, measure: Measure, measured: Measured) -> Measured {
+    let subject = input.subject;
+    let (Some(sex), Some(mass_kg), Some(stature_mm)) =
+        (subject.sex, subject.mass_kg, input.stature_mm)
+    else {
+        return measured;
+    };
+    let (Some(prior), Ok(value_mm), Some(sd_mm)) = (
+        expect(measure, sex, stature_mm, mass_kg),
+        measured.value_mm,
+        measured.sd_mm,
+    ) else {
+        return measured;
+    };
+    let pixels = Estimate { value_mm, sd_mm };
+    let (a, b) = (prior.sd_mm.powi(2), sd_mm.powi(2));
+    Measured {
+        value_mm: Ok((a * value_mm + b * prior.value_mm) / (a + b)),
+        sd_mm: Some((a * b / (a + b)).sqrt()),
+        method: Method::WithStatistics,
+        pixels: Some(pixels),
+        prior: Some(prior),
+        ..measured
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn means_of_the_survey_come_back() {
+        // Mean man: neck 398 mm, calf 392 mm
+        for (measure, mean) in [(Measure::NeckGirth, 398.0), (Measure::CalfGirth, 392.0)] {
+            let found = expect(measure, Sex::Male, 1756.2, 85.5).unwrap();
+            assert!((found.value_mm - mean).abs() < 5.0, "{found:?}");
+            assert!((8.0..30.0).contains(&found.sd_mm), "{found:?}");
+        }
+        assert_eq!(expect(Measure::WaistGirth, Sex::Male, 1756.2, 85.5), None);
+        assert_eq!(expect(Measure::NeckGirth, Sex::Neutral, 1756.2, 85.5), None);
+    }
+}

@@ -1,0 +1,141 @@
+//! Where a tape is expected: its plane, and the convex curve that it follows there.
+
+use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
+use pirouette_geom::section::{convex_hull, perimeter};
+
+use crate::avatar::Avatar;
+use crate::avatar::landmarks::Section;
+use crate::pose::{PosedBones, SkinWeight};
+
+/// The convex curve in which a tape is expected, in its plane
+#[derive(Debug, Clone)]
+pub(super) struct Tape {
+    /// A point inside
+    center: DVec3,
+    /// Axes of the plane
+    u: DVec3,
+    v: DVec3,
+    /// Convex hull of the section around the center, counter-clockwise
+    hull: Vec<DVec2>,
+    /// The surface that it lies on, for going with poses: vertices of the figure and their weights
+    carriers: Vec<(DVec3, SkinWeight)>,
+}
+
+impl Tape {
+    /// The tape along a section of a figure; `None` without area
+    pub(super) fn of_section(section: &Section, figure: &Avatar) -> Option<Self> {
+        let carriers = section.vertices.iter().filter_map(|&v| {
+            let position = figure.mesh.positions.get(v as usize)?;
+            Some((*position, *figure.weights.get(v as usize)?))
+        });
+        Self::new(&section.points, section.plane.normal, carriers.collect())
+    }
+
+    /// The tape around points, in the plane through their middle across `normal`
+    pub(super) fn new(
+        points: &[DVec3],
+        normal: DVec3,
+        carriers: Vec<(DVec3, SkinWeight)>,
+    ) -> Option<Self> {
+        let normal = normal.try_normalize()?;
+        let (u, v) = normal.any_orthonormal_pair();
+        let mean = points.iter().sum::<DVec3>() / points.len() as f64;
+        let flat = |p: &DVec3| DVec2::new((*p - mean).dot(u), (*p - mean).dot(v));
+        let mut hull = convex_hull(&points.iter().map(flat).collect::<Vec<_>>());
+        if hull.len() < 3 {
+            return None;
+        }
+        // The mean leans to where the section has many points; the middle of the hull does not.
+        let middle = hull.iter().sum::<DVec2>() / hull.len() as f64;
+        for p in &mut hull {
+            *p -= middle;
+        }
+        Some(Self {
+            center: mean + u * middle.x + v * middle.y,
+            u,
+            v,
+            hull,
+            carriers,
+        })
+    }
+
+    /// The same tape elsewhere
+    pub(super) fn moved(&self, by: DVec3) -> Self {
+        Self {
+            center: self.center + by,
+            ..self.clone()
+        }
+    }
+
+    /// A point inside the tape
+    pub(super) fn center(&self) -> DVec3 {
+        self.center
+    }
+
+    /// Unit normal of the plane
+    pub(super) fn normal(&self) -> DVec3 {
+        self.u.cross(self.v)
+    }
+
+    /// Length of the expected tape, in mm
+    pub(super) fn girth(&self) -> f64 {
+        perimeter(&self.hull)
+    }
+
+    /// Convex hull around the center, counter-clockwise in the plane
+    pub(super) fn hull(&self) -> &[DVec2] {
+        &self.hull
+    }
+
+    /// The hull in space
+    pub(super) fn points(&self) -> Vec<DVec3> {
+        self.hull.iter().map(|&p| self.lift(p)).collect()
+    }
+
+    /// Distance from the center of the support line with this outward normal
+    pub(super) fn support(&self, normal: DVec2) -> f64 {
+        self.hull
+            .iter()
+            .map(|p| p.dot(normal))
+            .fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    pub(super) fn lift(&self, point: DVec2) -> DVec3 {
+        self.center + self.u * point.x + self.v * point.y
+    }
+
+    pub(super) fn flatten(&self, direction: DVec3) -> DVec2 {
+        DVec2::new(direction.dot(self.u), direction.dot(self.v))
+    }
+
+    /// The rigid motion that carries the tape from the reference pose into the room, with the flesh that it lies on
+    pub(super) fn room_from_reference(&self, posed: &PosedBones) -> DAffine3 {
+        let mut sum = [0.0; 4];
+        let mut first: Option<DQuat> = None;
+        let (mut from, mut to) = (DVec3::ZERO, DVec3::ZERO);
+        for (position, weight) in &self.carriers {
+            let transform = posed.blend(weight);
+            from += *position;
+            to += transform.transform_point3(*position);
+            for (bone, share) in weight.iter() {
+                let turn = DQuat::from_mat3(&posed.transforms[bone as usize].matrix3);
+                // A quaternion and its negative are one rotation.
+                let same = *first.get_or_insert(turn);
+                let sign = if same.dot(turn) < 0.0 { -share } else { share };
+                for (s, q) in sum.iter_mut().zip(turn.to_array()) {
+                    *s += sign * q;
+                }
+            }
+        }
+        let length = sum.iter().map(|s| s * s).sum::<f64>().sqrt();
+        if length.is_nan() || length <= 0.0 {
+            return posed.transforms[0];
+        }
+        let rotation = DMat3::from_quat(DQuat::from_array(sum.map(|s| s / length)));
+        let count = self.carriers.len() as f64;
+        DAffine3 {
+            matrix3: rotation,
+            translation: to / count - rotation * (from / count),
+        }
+    }
+}

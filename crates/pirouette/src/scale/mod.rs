@@ -1,0 +1,171 @@
+//! The scale of a scan where nobody told the stature: from the size of a pixel, or from a card of known size in a photo.
+//!
+//! Both come down to a stature: that of the skeleton that fits the keypoints and has pixels of this size at the turning axis.
+
+mod card;
+mod edges;
+
+use thiserror::Error;
+
+use crate::avatar::mannequin::{MannequinError, MannequinParameters, mannequin};
+use crate::bundle::{BundleError, BundleOptions, BundleView, bundle};
+use crate::scan::{CameraSetup, Scan, StatureFrom};
+use crate::skeleton::Joint;
+
+pub use card::{CARD_MM, Card, CardError, find_card};
+
+/// Why a scale cannot be found
+#[derive(Debug, Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum ScaleError {
+    #[error("no skeleton fits the keypoints, so the size of the person in pixels is not known")]
+    Bundle(#[from] BundleError),
+    #[error("cannot make a figure to compare with")]
+    Mannequin(#[from] MannequinError),
+    #[error(
+        "no ID-1 card (85.60 x 53.98 mm) was found beside the person in any photo: hold or hang it flat toward the camera, \
+         in the light, not before something of its own color; or give the stature"
+    )]
+    NoCard,
+    #[error(
+        "photos {first} and {second} show cards of different scales ({first_mm:.3} and {second_mm:.3} mm per px); \
+         leave one, or give the stature"
+    )]
+    CardsDiffer {
+        first: String,
+        second: String,
+        first_mm: f64,
+        second_mm: f64,
+    },
+    #[error(
+        "by {mm_per_px:.3} mm per px the person is {stature_mm:.0} mm tall; check the size of the pixels"
+    )]
+    Implausible { mm_per_px: f64, stature_mm: f64 },
+}
+
+/// Statures that a scale may come to, in mm
+const STATURES_MM: std::ops::RangeInclusive<f64> = 700.0..=2400.0;
+
+/// Cards in several photos may differ by this share
+const CARD_SPREAD: f64 = 0.03;
+
+/// Sets the stature of a scan by the size of its pixels
+///
+/// `mm_per_px` is that of the photos as they are in the scan, at the turning axis.
+///
+/// # Errors
+/// When no skeleton fits, or the person would be no person.
+pub fn scale_by_pixels(
+    scan: &mut Scan,
+    mm_per_px: f64,
+    from: StatureFrom,
+) -> Result<(), ScaleError> {
+    let figure = mannequin(&MannequinParameters {
+        pose: scan.pose,
+        ..MannequinParameters::default()
+    })?;
+    let views: Vec<BundleView> = scan
+        .views
+        .iter()
+        .map(|view| BundleView {
+            turn: view.turn,
+            keypoints: view.keypoints,
+            width_px: view.photo.width(),
+            height_px: view.photo.height(),
+        })
+        .collect();
+    // Heights of the camera are in true mm, the figure's are not.
+    let camera = CameraSetup {
+        height_mm: None,
+        distance_mm: None,
+        ..scan.camera
+    };
+    let found = bundle(&figure, &views, &camera, None, &BundleOptions::default())?;
+    let Some(camera) = found.cameras.first() else {
+        return Err(ScaleError::NoCard);
+    };
+    let figures_mm_per_px = camera.distance_mm / camera.focal_px();
+    let stature_mm = found.avatar.stature_mm() * mm_per_px / figures_mm_per_px;
+    if !STATURES_MM.contains(&stature_mm) {
+        return Err(ScaleError::Implausible {
+            mm_per_px,
+            stature_mm,
+        });
+    }
+    scan.stature_mm = Some(stature_mm);
+    scan.stature_from = from;
+    Ok(())
+}
+
+/// Sets the stature of a scan by a card in one of its photos; hands back the view and the card
+///
+/// # Errors
+/// When there is no card, when cards contradict each other, or no skeleton fits.
+pub fn scale_by_card(scan: &mut Scan) -> Result<(String, Card), ScaleError> {
+    let mut found: Vec<(String, Card)> = Vec::new();
+    for view in &scan.views {
+        let points: Vec<glam::DVec2> = Joint::ALL
+            .iter()
+            .filter_map(|&joint| Some(view.keypoints.found(joint)?.position))
+            .collect();
+        if let Ok(card) = find_card(&view.photo, &points) {
+            found.push((view.name.clone(), card));
+        }
+    }
+    found.sort_by(|a, b| b.1.coverage.total_cmp(&a.1.coverage));
+    let Some(best) = found.first().cloned() else {
+        return Err(ScaleError::NoCard);
+    };
+    for (name, card) in &found[1..] {
+        if (card.mm_per_px / best.1.mm_per_px - 1.0).abs() > CARD_SPREAD {
+            return Err(ScaleError::CardsDiffer {
+                first: best.0,
+                second: name.clone(),
+                first_mm: best.1.mm_per_px,
+                second_mm: card.mm_per_px,
+            });
+        }
+    }
+    scale_by_pixels(scan, best.1.mm_per_px, StatureFrom::Card)?;
+    Ok(best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{Clutter, SyntheticOptions, synthesize};
+
+    #[test]
+    fn the_size_of_a_pixel_gives_the_stature() {
+        let person = mannequin(&MannequinParameters {
+            stature_mm: Some(1580.0),
+            ..MannequinParameters::default()
+        })
+        .unwrap();
+        let camera = SyntheticOptions::camera_for(1580.0, 320, 400);
+        let mut scan = synthesize(
+            &person,
+            &SyntheticOptions {
+                seed: 4,
+                turns: SyntheticOptions::even_turns(8),
+                camera,
+                sway: 0.5,
+                keypoint_noise_px: 1.0,
+                turn_noise_radians: 0.0,
+                sensor_noise: 0.0,
+                clutter: Clutter::Plain,
+                photos: false,
+            },
+        )
+        .scan;
+        scan.stature_mm = None;
+        let mm_per_px = camera.distance_mm / camera.focal_px();
+        scale_by_pixels(&mut scan, mm_per_px, StatureFrom::PixelSize).unwrap();
+        let error = scan.stature_mm.unwrap() / 1580.0 - 1.0;
+        assert!(error.abs() < 0.02, "{error}");
+        assert_eq!(scan.stature_from, StatureFrom::PixelSize);
+        let wrong = scale_by_pixels(&mut scan, 5.0 * mm_per_px, StatureFrom::PixelSize);
+        assert!(matches!(wrong, Err(ScaleError::Implausible { .. })));
+        assert!(matches!(scale_by_card(&mut scan), Err(ScaleError::NoCard)));
+    }
+}
