@@ -121,9 +121,9 @@ fn the_report_stands_alone_and_escapes_names() {
     let html = std::fs::read_to_string(folders.out().join("report.html")).unwrap();
     assert!(html.contains("&lt;img src=x&gt;&amp;&#39;&quot;"));
     assert!(!html.contains("<img src=x"));
-    // The contact sheet and three views
+    // Tapes, contact sheet, residuals and three views
     let pictures: Vec<&str> = html.split(" src=\"").skip(1).collect();
-    assert_eq!(pictures.len(), 4);
+    assert_eq!(pictures.len(), 6);
     for picture in pictures {
         assert!(picture.starts_with("data:image/jpeg;base64,"));
     }

@@ -28,6 +28,8 @@ pub(super) struct Page<'a> {
     pub tapes: Option<Vec<u8>>,
     /// The contact sheet, as a JPEG file
     pub contact_sheet: Option<Vec<u8>>,
+    /// Where photos and fitted body disagree, as a JPEG file
+    pub residuals: Option<Vec<u8>>,
     /// One picture per view
     pub views: Vec<PageView<'a>>,
     /// The camera that was used
@@ -99,6 +101,14 @@ pub(super) fn write_page(page: &Page) -> String {
     if let Some(sheet) = &page.contact_sheet {
         html.push_str("<h2>All views</h2>\n<div class=\"wide\">");
         add_picture(&mut html, "all views at a glance", sheet);
+        html.push_str("</div>\n");
+    }
+    if let Some(residuals) = &page.residuals {
+        html.push_str(
+            "<h2>What the photos and the body do not agree on</h2>\n<div class=\"wide\">",
+        );
+        let what = "distances between the outlines, in mm, and views that tell of each part";
+        add_picture(&mut html, what, residuals);
         html.push_str("</div>\n");
     }
     add_views(&mut html, &page.views);
@@ -328,6 +338,7 @@ mod tests {
             sizes: vec![("shop <b>".into(), "M (80 %)".into())],
             tapes: None,
             contact_sheet: Some(vec![0xff, 0xd8, 0xff]),
+            residuals: None,
             views: vec![PageView {
                 name: "a\" onerror=\"b",
                 turn_degrees: 45.2,
@@ -393,6 +404,7 @@ mod tests {
             sizes: Vec::new(),
             tapes: None,
             contact_sheet: None,
+            residuals: None,
             views: Vec::new(),
             camera: None,
             seconds: Vec::new(),

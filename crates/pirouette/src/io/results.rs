@@ -86,6 +86,7 @@ pub fn write_results(
         .map(|view| write_view(folder, loaded, report, view, with_page))
         .collect::<Result<_, _>>()?;
     let mut contact_sheet = None;
+    let mut residuals = None;
     if !report.views.is_empty() {
         let file = folder.join("contact.jpg");
         let jpeg = as_jpeg(&file, &draw_contact_sheet(loaded, report))?;
@@ -93,10 +94,12 @@ pub fn write_results(
         contact_sheet = Some(jpeg);
     }
     if !report.views.is_empty()
-        && let Some(residuals) = draw_residuals(loaded, report)
+        && let Some(picture) = draw_residuals(loaded, report)
     {
         let file = folder.join("residuals.jpg");
-        write_whole(&file, &as_jpeg(&file, &residuals)?)?;
+        let jpeg = as_jpeg(&file, &picture)?;
+        write_whole(&file, &jpeg)?;
+        residuals = Some(jpeg);
     }
     // What was fitted has bones and colors.
     let body = report.body.as_ref().map(|mesh| match &report.fit {
@@ -140,6 +143,7 @@ pub fn write_results(
         let page = Page {
             tapes,
             sizes,
+            residuals,
             ..page(title, loaded, load_seconds, report, contact_sheet, overlays)
         };
         write_whole(&folder.join("report.html"), write_page(&page).as_bytes())?;
@@ -211,6 +215,7 @@ fn page<'a>(
         sizes: Vec::new(),
         tapes: None,
         contact_sheet,
+        residuals: None,
         views: views
             .map(|(found, overlay)| PageView {
                 name: &scan.views[found.index].name,
