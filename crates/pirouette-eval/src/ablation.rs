@@ -50,10 +50,12 @@ enum Part {
     MeanPose,
     /// Soles on the floor, crown at the stature
     Anchors,
+    /// The camera as an unknown of the fit; without, that of the skeleton
+    Camera,
 }
 
 impl Part {
-    const ALL: [Part; 9] = [
+    const ALL: [Part; 10] = [
         Part::Nothing,
         Part::SharedSkeleton,
         Part::Plate,
@@ -63,6 +65,7 @@ impl Part {
         Part::Symmetry,
         Part::MeanPose,
         Part::Anchors,
+        Part::Camera,
     ];
 
     fn name(self) -> &'static str {
@@ -76,6 +79,7 @@ impl Part {
             Part::Symmetry => "symmetry",
             Part::MeanPose => "mean pose transfer",
             Part::Anchors => "anchors",
+            Part::Camera => "fitted camera",
         }
     }
 
@@ -104,6 +108,7 @@ impl Part {
             Part::Symmetry => config.fit.symmetry = false,
             Part::MeanPose => config.fit.transfer_mean_pose = false,
             Part::Anchors => config.fit.anchors = false,
+            Part::Camera => config.fit.camera = false,
         }
         config
     }
