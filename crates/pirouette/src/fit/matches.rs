@@ -2,10 +2,13 @@
 
 use glam::DVec3;
 use pirouette_geom::Grid;
+use rayon::prelude::*;
 
 use super::outline::{EdgePoint, PointIndex, SPACING, trace};
 use super::rim::RimMesh;
+use super::{Body, FitView};
 use crate::camera::{Camera, Projector};
+use crate::pose::{Pose, pose_bones};
 
 /// Normals agree when the cosine of the angle between them is above this
 ///
@@ -64,10 +67,30 @@ impl Match {
     }
 }
 
+/// The matches of all views
+///
+/// `radius` in nominal px.
+pub(super) fn match_views(
+    body: &Body,
+    views: &[FitView],
+    outlines: &[Outline],
+    poses: &[Pose],
+    radius: f64,
+) -> Vec<Vec<Match>> {
+    let views = views.par_iter().zip(outlines).zip(poses);
+    views
+        .map(|((view, outline), pose)| {
+            let posed = pose_bones(&body.bone_heads, pose, view.turn);
+            let positions = posed.skin(&body.positions, body.weights);
+            find_matches(&body.surface.rim, &positions, &view.camera, outline, radius)
+        })
+        .collect()
+}
+
 /// Matches both ways: each rim vertex to its outline point, and outline points to their rim vertices
 ///
 /// `posed` in the room, in mm; `radius` in nominal px.
-pub(super) fn find_matches(
+fn find_matches(
     mesh: &RimMesh,
     posed: &[DVec3],
     camera: &Camera,

@@ -27,7 +27,7 @@ use crate::camera::Camera;
 use crate::pose::{Pose, SkinWeight, pose_bones};
 use crate::skeleton::{Bone, Joint, Keypoints};
 use crate::units::TurnAngle;
-use matches::Outline;
+use matches::{Outline, match_views};
 use shape_step::ShapeSolver;
 use shared_step::{Reshape, SharedStep, arm_shares, step_together};
 use surface::Surface;
@@ -138,7 +138,7 @@ impl Default for FitOptions {
             (10.0, 0.5, 3.0),
         ];
         Self {
-            coarse_count: 3000,
+            coarse_count: 2000,
             symmetry: true,
             transfer_mean_pose: true,
             anchors: true,
@@ -330,12 +330,12 @@ pub fn fit_body(
             if cancelled() {
                 break;
             }
+            let matches = match_views(&body, &views, &outlines, &poses, round.radius);
             let together = step_together(
                 &body,
                 &views,
-                &outlines,
+                (&outlines, &matches),
                 (&posture, &poses),
-                round.radius,
                 (start.as_ref(), &spread),
             );
             poses = together.poses;
@@ -345,8 +345,8 @@ pub fn fit_body(
                 }
                 body.reshape(&together.shared, views[0].stature_mm);
             }
-            let Some(off) = solver.step(&mut body, &views, &outlines, &poses, round, options)
-            else {
+            let seen = (&outlines[..], &matches[..]);
+            let Some(off) = solver.step(&mut body, &views, seen, &poses, round, options) else {
                 break;
             };
             residual_px = off;
@@ -404,19 +404,19 @@ pub fn rigid_residual(avatar: &Avatar, posture: &Pose, views: &[FitView]) -> f64
     let body = Body::new(avatar, &surface);
     let outlines = trace_outlines(views);
     let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
-    let together = step_together(
+    let find = |poses: &[Pose]| match_views(&body, views, &outlines, poses, round.radius);
+    let matches = find(&poses);
+    let poses = step_together(
         &body,
         views,
-        &outlines,
+        (&outlines, &matches),
         (posture, &poses),
-        round.radius,
         (None, &CameraSpread::default()),
-    );
-    let poses = together.poses;
-    shape_step::residual(
-        &shape_step::rows(&body, views, &outlines, &poses, &round),
-        &round,
     )
+    .poses;
+    let matches = find(&poses);
+    let rows = shape_step::rows(&body, views, (&outlines, &matches), &poses, &round);
+    shape_step::residual(&rows, &round)
 }
 
 fn trace_outlines(views: &[FitView]) -> Vec<Outline> {

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::matches::{Match, Outline, find_matches};
+use super::matches::{Match, Outline};
 use super::shared_step::{SHARED, SharedStep, arm_shares, camera_rates};
 use super::{Body, FitView};
 use crate::camera::Camera;
@@ -30,43 +30,15 @@ const KEYPOINT_WIDTH: f64 = 3.0;
 /// Steps per round
 pub(super) const STEPS: usize = 2;
 
-/// The body in one pose, and what explains the outline
-pub(super) struct Seen {
-    posed: PosedBones,
-    positions: Vec<DVec3>,
-    matches: Vec<Match>,
-}
-
-impl Seen {
-    /// Poses the body, as `shared` reshapes it, and matches it with the outline; `radius` in nominal px
-    pub(super) fn new(
-        body: &Body,
-        view: &FitView,
-        outline: &Outline,
-        pose: &Pose,
-        radius: f64,
-        shared: &SharedStep,
-    ) -> Self {
-        let frame = body.reshape_frame(view.stature_mm);
-        let reshape = |p: DVec3, arms: [f64; 2]| shared.reshaped(p, frame.rates(p, arms));
-        let heads = std::array::from_fn(|b| {
-            let arms = arm_shares(&SkinWeight::rigid(Bone::ALL[b]));
-            reshape(body.bone_heads[b], arms)
-        });
-        let posed = pose_bones(&heads, pose, view.turn);
-        let positions = if *shared == SharedStep::default() {
-            posed.skin(&body.positions, body.weights)
-        } else {
-            let points = body.positions.iter().zip(&body.arms);
-            let reshaped: Vec<DVec3> = points.map(|(&p, &arms)| reshape(p, arms)).collect();
-            posed.skin(&reshaped, body.weights)
-        };
-        Self {
-            matches: find_matches(&body.surface.rim, &positions, &view.camera, outline, radius),
-            posed,
-            positions,
-        }
-    }
+/// The bones in a pose of one view, as `shared` reshapes the body
+fn posed_bones(body: &Body, view: &FitView, pose: &Pose, shared: &SharedStep) -> PosedBones {
+    let frame = body.reshape_frame(view.stature_mm);
+    let heads = std::array::from_fn(|b| {
+        let (head, bone) = (body.bone_heads[b], Bone::ALL[b]);
+        let arms = arm_shares(&SkinWeight::rigid(bone));
+        shared.reshaped(head, frame.rates(head, arms))
+    });
+    pose_bones(&heads, pose, view.turn)
 }
 
 /// Normal equations of one pose and what all views share, lower triangle
@@ -103,42 +75,41 @@ fn shares(weights: impl Iterator<Item = (Bone, f64)>) -> [f64; Bone::COUNT] {
 
 /// The equations of one view about a pose and what is shared so far; the prior of the pose is in them
 ///
-/// `prior` is the pose that sway goes about. `None` when rounding breaks them.
+/// `matches` say what explains the outline; `prior` is the pose that sway goes about. `None` when rounding breaks them.
 pub(super) fn equations(
     body: &Body,
     view: &FitView,
-    outline: &Outline,
+    (outline, matches): (&Outline, &[Match]),
     prior: &Pose,
     pose: &Pose,
-    seen: &Seen,
     shared: &SharedStep,
 ) -> Option<Equations> {
     let camera = view.camera.projector();
     let frame = body.reshape_frame(view.stature_mm);
-    let motions: [Motion; POSE] = std::array::from_fn(|parameter| seen.posed.motion(parameter));
+    let posed = posed_bones(body, view, pose, shared);
+    let motions: [Motion; POSE] = std::array::from_fn(|parameter| posed.motion(parameter));
     let mut equations = Equations {
         matrix: [[0.0; ALL]; ALL],
         right: [0.0; ALL],
     };
     let mut row = [0.0; ALL];
     let mut active = Vec::with_capacity(ALL);
-    for m in &seen.matches {
+    for m in matches {
         let v = m.vertex as usize;
-        let point = seen.positions[v];
-        let (residual, gradient) = m.residual(&camera, point, outline);
         let weight: &SkinWeight = &body.weights[v];
+        let blend = posed.blend(weight);
+        let rates = frame.rates(body.positions[v], body.arms[v]);
+        let point = blend.transform_point3(shared.reshaped(body.positions[v], rates));
+        let (residual, gradient) = m.residual(&camera, point, outline);
         let shares = shares(weight.iter());
         fill_row(&motions, &shares, gradient, point, &mut row, &mut active);
-        let rotation = seen.posed.blend(weight).matrix3;
-        let rates = frame
-            .rates(body.positions[v], body.arms[v])
-            .map(|rate| rotation * rate);
+        let rates = rates.map(|rate| blend.matrix3 * rate);
         fill_shared(view, gradient, point, rates, &mut row, &mut active);
         let robust = 1.0 / (1.0 + (residual / ROBUST).powi(2));
         let weight = OUTLINE_SHARE * m.weight * robust * robust / OUTLINE_SIGMA.powi(2);
         equations.add(&active, &row, residual, weight);
     }
-    add_keypoints(body, view, &seen.posed, &motions, shared, &mut equations);
+    add_keypoints(body, view, &posed, &motions, shared, &mut equations);
     let (sigmas, at) = (Pose::prior_sigmas(), pose.to_parameters());
     let center = prior.to_parameters();
     for i in 0..POSE {

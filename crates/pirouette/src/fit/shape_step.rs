@@ -4,10 +4,11 @@ use glam::{DMat3, DVec3};
 use pirouette_geom::sparse::BlockSolver;
 use rayon::prelude::*;
 
-use super::matches::{Outline, find_matches};
+use super::matches::{Match, Outline};
 use super::surface::Surface;
 use super::{Body, FitOptions, FitView};
-use crate::pose::{Pose, pose_bones};
+use crate::camera::Projector;
+use crate::pose::{Pose, PosedBones, pose_bones};
 
 /// Weight of a displacement itself, per squared mm: keeps parts that no view tells anything of
 const SMALLNESS: f64 = 1e-4;
@@ -121,7 +122,7 @@ impl ShapeSolver {
         &mut self,
         body: &mut Body,
         views: &[FitView],
-        outlines: &[Outline],
+        outlines: (&[Outline], &[Vec<Match>]),
         poses: &[Pose],
         round: &super::Round,
         options: &FitOptions,
@@ -245,16 +246,45 @@ fn anchors(rest: &[DVec3], stature_mm: Option<f64>) -> Vec<Anchor> {
 pub(super) fn rows(
     body: &Body,
     views: &[FitView],
-    outlines: &[Outline],
+    (outlines, matches): (&[Outline], &[Vec<Match>]),
     poses: &[Pose],
     round: &super::Round,
 ) -> Vec<Vec<Row>> {
     views
         .par_iter()
         .zip(outlines)
+        .zip(matches)
         .zip(poses)
-        .map(|((view, outline), pose)| rows_of_view(body, view, outline, pose, round))
+        .map(|(((view, outline), matches), pose)| {
+            let posed = pose_bones(&body.bone_heads, pose, view.turn);
+            let camera = view.camera.projector();
+            let row = |m| row(body, &posed, &camera, outline, m, round);
+            matches.iter().map(row).collect()
+        })
         .collect()
+}
+
+fn row(
+    body: &Body,
+    posed: &PosedBones,
+    camera: &Projector,
+    outline: &Outline,
+    m: &Match,
+    round: &super::Round,
+) -> Row {
+    let v = m.vertex as usize;
+    let blend = posed.blend(&body.weights[v]);
+    let point = blend.transform_point3(body.positions[v]);
+    let (residual, in_room) = m.residual(camera, point, outline);
+    let robust = 1.0 / (1.0 + (residual / round.robust).powi(2));
+    let weight = robust * m.weight.sqrt();
+    Row {
+        vertex: m.vertex,
+        gradient: blend.matrix3.transpose() * in_room * weight,
+        residual: residual * weight,
+        off: residual,
+        share: m.weight,
+    }
 }
 
 /// Root mean square of all residuals, none larger than the robust width, in nominal px
@@ -265,36 +295,4 @@ pub(super) fn residual(rows: &[Vec<Row>], round: &super::Round) -> f64 {
         weight += row.share;
     }
     (sum / f64::max(weight, 1.0)).sqrt()
-}
-
-fn rows_of_view(
-    body: &Body,
-    view: &FitView,
-    outline: &Outline,
-    pose: &Pose,
-    round: &super::Round,
-) -> Vec<Row> {
-    let posed = pose_bones(&body.bone_heads, pose, view.turn);
-    let positions = posed.skin(&body.positions, body.weights);
-    let rim = &body.surface.rim;
-    let camera = view.camera.projector();
-    let matches = find_matches(rim, &positions, &view.camera, outline, round.radius);
-    matches
-        .iter()
-        .map(|m| {
-            let v = m.vertex as usize;
-            let point = positions[v];
-            let (residual, in_room) = m.residual(&camera, point, outline);
-            let gradient = posed.blend(&body.weights[v]).matrix3.transpose() * in_room;
-            let robust = 1.0 / (1.0 + (residual / round.robust).powi(2));
-            let weight = robust * m.weight.sqrt();
-            Row {
-                vertex: m.vertex,
-                gradient: gradient * weight,
-                residual: residual * weight,
-                off: residual,
-                share: m.weight,
-            }
-        })
-        .collect()
 }

@@ -10,8 +10,8 @@ use faer::{Mat, Side};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::matches::Outline;
-use super::pose_step::{ALL, Equations, POSE, STEPS, Seen, equations};
+use super::matches::{Match, Outline};
+use super::pose_step::{ALL, Equations, POSE, STEPS, equations};
 use super::{Body, CameraSpread, FitView};
 use crate::camera::Camera;
 use crate::pose::{Pose, SkinWeight};
@@ -120,13 +120,12 @@ pub(super) struct Together {
 /// Moves all poses, the camera and the size of the surface closer to outlines and keypoints
 ///
 /// `views` hold the camera so far, `start` is the camera that `spread` is about. What has no spread stays; without any,
-/// the surface stays as well. `radius` in nominal px.
+/// the surface stays as well. `matches` stay the same in all steps.
 pub(super) fn step_together(
     body: &Body,
     views: &[FitView],
-    outlines: &[Outline],
+    (outlines, matches): (&[Outline], &[Vec<Match>]),
     (prior, poses): (&Pose, &[Pose]),
-    radius: f64,
     (start, spread): (Option<&Camera>, &CameraSpread),
 ) -> Together {
     let mut poses = poses.to_vec();
@@ -141,8 +140,8 @@ pub(super) fn step_together(
                     camera: shared.moved(&views[i].camera),
                     ..views[i]
                 };
-                let seen = Seen::new(body, &view, &outlines[i], &poses[i], radius, &shared);
-                equations(body, &view, &outlines[i], prior, &poses[i], &seen, &shared)
+                let seen = (&outlines[i], &matches[i][..]);
+                equations(body, &view, seen, prior, &poses[i], &shared)
             })
             .collect();
         let eliminated: Vec<Option<Eliminated>> = equations

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::avatar::Avatar;
-use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
+use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin, sketch};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::fit::{FitOptions, FitPrior, FitView, fit_body, rigid_residual};
 use crate::pipeline::ViewReport;
@@ -57,8 +57,8 @@ pub(super) fn fit_views<'a>(
 ///
 /// The mass follows from the volume of a first rough fit, which hardly depends on where it starts. The sex is that of the
 /// mannequin whose unfitted surface, in its best poses, lies nearest to the outlines: on rendered women and men the wrong
-/// sex is 10 to 30 % farther off, while after four rounds of fitting the difference is 1 to 4 %. `None` when no mannequin
-/// is better than the first one.
+/// sex is 10 to 30 % farther off, while after four rounds of fitting the difference is 1 to 4 %. Both are told by
+/// sketches of mannequins. `None` when there is no such mannequin.
 pub(super) fn choose_start(
     scan: &Scan,
     bundle: &Bundle,
@@ -66,17 +66,18 @@ pub(super) fn choose_start(
     stature_mm: f64,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Option<Start> {
-    let poses: Vec<Pose> = views.iter().map(|view| bundle.poses[view.index]).collect();
     let parameters = MannequinParameters {
         stature_mm: Some(stature_mm),
         pose: scan.pose,
         ..MannequinParameters::default()
     };
+    let posed = |figure: &Avatar| pose_figure(scan, bundle, views, figure, stature_mm);
+    let (avatar, posture, poses) = posed(&sketch(&parameters).ok()?)?;
     let rough = fit_body(
-        &bundle.avatar,
+        &avatar,
         &fit_views(bundle, views, &poses, stature_mm),
         &FitPrior {
-            posture: bundle.posture,
+            posture,
             stature_mm: Some(stature_mm),
             ..FitPrior::default()
         },
@@ -84,30 +85,27 @@ pub(super) fn choose_start(
         cancelled,
     );
     let mass_kg = rough.avatar.mesh.volume() * KG_PER_CUBIC_MM;
-    let starts: Vec<(f64, Start)> = [Sex::Female, Sex::Male, Sex::Neutral]
+    let of = |sex| MannequinParameters {
+        sex,
+        mass_kg: Some(mass_kg),
+        ..parameters
+    };
+    let residuals: Vec<(f64, Sex)> = [Sex::Female, Sex::Male, Sex::Neutral]
         .into_par_iter()
         .filter_map(|sex| {
-            let figure = mannequin(&MannequinParameters {
-                sex,
-                mass_kg: Some(mass_kg),
-                ..parameters
-            })
-            .ok()?;
-            let start = pose_figure(scan, bundle, views, &figure, stature_mm)?;
-            let views = fit_views(bundle, views, &start.2, stature_mm);
-            let residual_px = rigid_residual(&start.0, &start.1, &views);
-            let (avatar, posture, poses) = start;
-            let start = Start {
-                avatar,
-                posture,
-                poses,
-                figure: StartFigure { sex, mass_kg },
-            };
-            Some((residual_px, start))
+            let (avatar, posture, poses) = posed(&sketch(&of(sex)).ok()?)?;
+            let views = fit_views(bundle, views, &poses, stature_mm);
+            Some((rigid_residual(&avatar, &posture, &views), sex))
         })
         .collect();
-    let best = starts.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
-    best.map(|(_, start)| start)
+    let (_, sex) = residuals.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let (avatar, posture, poses) = posed(&mannequin(&of(sex)).ok()?)?;
+    Some(Start {
+        avatar,
+        posture,
+        poses,
+        figure: StartFigure { sex, mass_kg },
+    })
 }
 
 /// Mass of a body over its volume, in kg per mm³

@@ -269,3 +269,25 @@ fn joints_hang_where_people_have_them() {
     assert!(at(Joint::LeftBigToe).z > at(Joint::LeftHeel).z + 180.0);
     assert!(at(Joint::LeftBigToe).x < at(Joint::LeftSmallToe).x);
 }
+
+#[test]
+fn a_sketch_is_the_same_body_on_fewer_vertices() {
+    for (sex, mass_kg) in [(Sex::Female, 50.0), (Sex::Male, 110.0)] {
+        let parameters = MannequinParameters {
+            sex,
+            mass_kg: Some(mass_kg),
+            ..MannequinParameters::default()
+        };
+        let (full, sketch) = (
+            mannequin(&parameters).unwrap(),
+            sketch(&parameters).unwrap(),
+        );
+        sketch.mesh.check().unwrap();
+        assert!(2 * sketch.mesh.positions.len() < full.mesh.positions.len());
+        let volumes = [full.mesh.volume(), sketch.mesh.volume()];
+        assert!((volumes[1] / volumes[0] - 1.0).abs() < 0.01, "{volumes:?}");
+        for (a, b) in full.bone_heads.iter().zip(sketch.bone_heads) {
+            assert!(a.distance(b) < 3.0);
+        }
+    }
+}
