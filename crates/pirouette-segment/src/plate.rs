@@ -53,11 +53,12 @@ impl BackgroundPlate {
     ///
     /// `backgrounds` holds one mask per photo, `true` where it is surely background. All have one size;
     /// views of another size than the first are left out. `None` for no view.
-    pub fn estimate(views: &[(&Grid<[u8; 3]>, &Mask)], options: &PlateOptions) -> Option<Self> {
+    pub fn estimate(views: &[PlateView], options: &PlateOptions) -> Option<Self> {
         let (first, _) = views.first()?;
         let (width, height) = (first.width(), first.height());
-        let views: Vec<_> = views
+        let views: Vec<PlateView> = views
             .iter()
+            .copied()
             .filter(|(photo, mask)| photo.same_size(first) && mask.same_size(first))
             .take(255)
             .collect();
@@ -67,6 +68,7 @@ impl BackgroundPlate {
         if width == 0 || height == 0 {
             return None;
         }
+        let network = sorting_network(views.len());
         // spreads in quarter levels, so that their quantile needs no sorting
         let histogram = colors
             .as_mut_slice()
@@ -74,41 +76,27 @@ impl BackgroundPlate {
             .zip(sigmas.as_mut_slice().par_chunks_mut(width))
             .zip(counts.as_mut_slice().par_chunks_mut(width))
             .enumerate()
-            .map(|(y, ((colors, sigmas), counts))| {
-                let mut histogram = vec![0_usize; 1024];
-                let mut seen = Vec::with_capacity(views.len());
-                let mut values = vec![0_u8; views.len()];
-                let mut deviations = vec![0_u16; views.len()];
-                let rows: Vec<_> = views.iter().map(|(p, m)| (p.row(y), m.row(y))).collect();
-                for x in 0..width {
-                    seen.clear();
-                    seen.extend(rows.iter().filter(|(_, m)| m[x]).map(|(p, _)| p[x]));
-                    counts[x] = seen.len() as u8;
-                    sigmas[x] = options.min_sigma * UNKNOWN_SPREAD;
-                    if seen.is_empty() {
-                        continue;
-                    }
-                    for channel in 0..3 {
-                        for (value, color) in values.iter_mut().zip(&seen) {
-                            *value = color[channel];
+            .fold(
+                || (vec![0_usize; 1024], RowSorter::new(views.len(), width)),
+                |(mut histogram, mut sorter), (y, ((colors, sigmas), counts))| {
+                    sorter.medians(&views, y, &network, colors, counts);
+                    let deviations = sorter.median_deviations(&views, y, &network, colors, counts);
+                    for ((sigma, &deviation), &count) in
+                        sigmas.iter_mut().zip(deviations).zip(counts.iter())
+                    {
+                        if usize::from(count) < MIN_VIEWS_FOR_SPREAD {
+                            *sigma = options.min_sigma * UNKNOWN_SPREAD;
+                            continue;
                         }
-                        colors[x][channel] = median_u8(&mut values[..seen.len()]);
+                        let mad = f32::from(deviation) / 3.0;
+                        histogram[((mad * 4.0) as usize).min(1023)] += 1;
+                        let spread = mad * SIGMA_PER_MAD * options.spread_factor;
+                        *sigma = spread.max(options.min_sigma);
                     }
-                    if seen.len() < MIN_VIEWS_FOR_SPREAD {
-                        continue;
-                    }
-                    for (deviation, color) in deviations.iter_mut().zip(&seen) {
-                        *deviation = (0..3)
-                            .map(|c| u16::from(color[c].abs_diff(colors[x][c])))
-                            .sum();
-                    }
-                    let mad = f32::from(median_u16(&mut deviations[..seen.len()])) / 3.0;
-                    histogram[((mad * 4.0) as usize).min(1023)] += 1;
-                    let sigma = mad * SIGMA_PER_MAD * options.spread_factor;
-                    sigmas[x] = sigma.max(options.min_sigma);
-                }
-                histogram
-            })
+                    (histogram, sorter)
+                },
+            )
+            .map(|(histogram, _)| histogram)
             .reduce(
                 || vec![0; 1024],
                 |mut a, b| {
@@ -170,37 +158,122 @@ pub(crate) fn squared_distance(a: [u8; 3], b: [u8; 3]) -> u32 {
     sum
 }
 
-/// Insertion sort; fastest for the handful of views
-fn sort_few<T: Copy + PartialOrd>(values: &mut [T]) {
-    for i in 1..values.len() {
-        let value = values[i];
-        let mut j = i;
-        while j > 0 && values[j - 1] > value {
-            values[j] = values[j - 1];
-            j -= 1;
+/// Pairs of places to be put in order, one after the other, that sort `count` values
+///
+/// # Source
+/// K. Batcher 1968, "Sorting networks and their applications": merge exchange, for any count as in D. Knuth, The Art of
+/// Computer Programming, volume 3, section 5.2.2, algorithm M.
+fn sorting_network(count: usize) -> Vec<[usize; 2]> {
+    let mut pairs = Vec::new();
+    let top = count.next_power_of_two() / 2;
+    let mut p = top;
+    while p > 0 {
+        let (mut q, mut r, mut step) = (top, 0, p);
+        loop {
+            let from = (0..count.saturating_sub(step)).filter(|i| i & p == r);
+            pairs.extend(from.map(|i| [i, i + step]));
+            if q == p {
+                break;
+            }
+            step = q - p;
+            q /= 2;
+            r = p;
         }
-        values[j] = value;
+        p /= 2;
+    }
+    pairs
+}
+
+/// Sorts the values that many rows have at each place, all places at once
+fn sort_across<T: Ord + Copy>(rows: &mut [Vec<T>], network: &[[usize; 2]]) {
+    for &[low, high] in network {
+        let (left, right) = rows.split_at_mut(high);
+        for (a, b) in left[low].iter_mut().zip(&mut right[0]) {
+            (*a, *b) = ((*a).min(*b), (*a).max(*b));
+        }
     }
 }
 
-fn median_u8(values: &mut [u8]) -> u8 {
-    sort_few(values);
-    let middle = values.len() / 2;
-    if values.len() % 2 == 1 {
-        values[middle]
-    } else {
-        values[middle - 1].midpoint(values[middle])
+/// A photo, and where it surely shows background
+type PlateView<'a> = (&'a Grid<[u8; 3]>, &'a Mask);
+
+/// Medians over the views for one row of the photos at a time; what a view does not see is sorted to the end
+struct RowSorter {
+    levels: Vec<Vec<u8>>,
+    deviations: Vec<Vec<u16>>,
+    medians: Vec<u16>,
+}
+
+impl RowSorter {
+    fn new(views: usize, width: usize) -> Self {
+        Self {
+            levels: vec![vec![0; 3 * width]; views],
+            deviations: vec![vec![0; width]; views],
+            medians: vec![0; width],
+        }
+    }
+
+    /// The median color of each pixel over the views that see it, and how many these are
+    fn medians(
+        &mut self,
+        views: &[PlateView],
+        y: usize,
+        network: &[[usize; 2]],
+        colors: &mut [[u8; 3]],
+        counts: &mut [u8],
+    ) {
+        counts.fill(0);
+        for (levels, (photo, mask)) in self.levels.iter_mut().zip(views) {
+            let (photo, mask) = (photo.row(y), mask.row(y));
+            let pixels = levels.as_chunks_mut::<3>().0.iter_mut();
+            for (((level, color), &seen), count) in pixels.zip(photo).zip(mask).zip(&mut *counts) {
+                let unseen = u8::from(seen).wrapping_sub(1);
+                *level = color.map(|c| c | unseen);
+                *count += u8::from(seen);
+            }
+        }
+        sort_across(&mut self.levels, network);
+        for (x, (color, &count)) in colors.iter_mut().zip(&*counts).enumerate() {
+            let (low, high) = middle(count);
+            for (channel, level) in color.iter_mut().enumerate() {
+                let at = 3 * x + channel;
+                *level = self.levels[low][at].midpoint(self.levels[high][at]);
+            }
+        }
+    }
+
+    /// The median of each pixel's distance to `colors`, summed over the channels
+    fn median_deviations(
+        &mut self,
+        views: &[PlateView],
+        y: usize,
+        network: &[[usize; 2]],
+        colors: &[[u8; 3]],
+        counts: &[u8],
+    ) -> &[u16] {
+        for (deviations, (photo, mask)) in self.deviations.iter_mut().zip(views) {
+            let (photo, mask) = (photo.row(y), mask.row(y));
+            for (((deviation, color), plate), &seen) in
+                deviations.iter_mut().zip(photo).zip(colors).zip(mask)
+            {
+                let apart = |c: usize| u16::from(color[c].abs_diff(plate[c]));
+                let unseen = u16::from(seen).wrapping_sub(1);
+                *deviation = (apart(0) + apart(1) + apart(2)) | unseen;
+            }
+        }
+        sort_across(&mut self.deviations, network);
+        for (x, (median, &count)) in self.medians.iter_mut().zip(counts).enumerate() {
+            let (low, high) = middle(count);
+            *median = self.deviations[low][x].midpoint(self.deviations[high][x]);
+        }
+        &self.medians
     }
 }
 
-fn median_u16(values: &mut [u16]) -> u16 {
-    sort_few(values);
-    let middle = values.len() / 2;
-    if values.len() % 2 == 1 {
-        values[middle]
-    } else {
-        values[middle - 1].midpoint(values[middle])
-    }
+/// The two places in the middle of so many sorted values
+fn middle(count: u8) -> (usize, usize) {
+    let count = usize::from(count);
+    (count.saturating_sub(1) / 2, count / 2)
 }
 
 /// Gaussian blur in place; values beyond the border repeat the outermost ones
@@ -261,6 +334,8 @@ fn gaussian_kernel(sigma: f32) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     #[test]
@@ -274,6 +349,58 @@ mod tests {
         assert_eq!(plate.color(1, 1), Some([100, 120, 140]));
         assert!((plate.sigma(1, 1) - 4.0).abs() < 1e-5);
         assert_eq!(plate.unrest(), 0.0);
+    }
+
+    proptest! {
+        #[test]
+        fn medians_are_those_of_sorted_values(
+            pixels in prop::collection::vec(
+                prop::collection::vec((prop::array::uniform3(any::<u8>()), any::<bool>()), 5),
+                1..12,
+            ),
+        ) {
+            let views: Vec<(Grid<[u8; 3]>, Mask)> = pixels
+                .iter()
+                .map(|row| {
+                    let (colors, seen) = row.iter().copied().unzip();
+                    (Grid::from_vec(5, 1, colors), Mask::from_vec(5, 1, seen))
+                })
+                .collect();
+            let views: Vec<_> = views.iter().map(|(photo, mask)| (photo, mask)).collect();
+            let options = PlateOptions { min_sigma: 0.0, spread_factor: 1.0 };
+            let plate = BackgroundPlate::estimate(&views, &options).unwrap();
+            for x in 0..5 {
+                let seen: Vec<[u8; 3]> =
+                    pixels.iter().filter(|row| row[x].1).map(|row| row[x].0).collect();
+                let expected = (!seen.is_empty()).then(|| {
+                    [0, 1, 2].map(|c| {
+                        let mut levels: Vec<u8> = seen.iter().map(|color| color[c]).collect();
+                        levels.sort_unstable();
+                        levels[(levels.len() - 1) / 2].midpoint(levels[levels.len() / 2])
+                    })
+                });
+                prop_assert_eq!(plate.color(x, 0), expected);
+            }
+        }
+    }
+
+    #[test]
+    fn a_sorting_network_sorts_any_number_of_rows() {
+        for count in 0..40_u32 {
+            let mut rows: Vec<Vec<u32>> = (0..count)
+                .map(|i| (0..9).map(|x| (i + 1) * (37 + x) % 41).collect())
+                .collect();
+            let mut expected = rows.clone();
+            for x in 0..9 {
+                let mut column: Vec<u32> = rows.iter().map(|row| row[x]).collect();
+                column.sort_unstable();
+                for (row, value) in expected.iter_mut().zip(column) {
+                    row[x] = value;
+                }
+            }
+            sort_across(&mut rows, &sorting_network(count as usize));
+            assert_eq!(rows, expected);
+        }
     }
 
     #[test]
