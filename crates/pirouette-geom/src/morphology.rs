@@ -3,15 +3,65 @@
 //! Structuring elements are Euclidean discs of any radius, by thresholding exact distances. Beyond the
 //! image nothing is known: its border neither erodes nor dilates a shape.
 
-use crate::distance_map::distance_to;
 use crate::{Grid, Mask};
 
-/// Distances are `f32`; a radius that is meant to reach a pixel center does so in spite of rounding
+/// A radius that is meant to reach a pixel center does so in spite of rounding
 const ROUNDING: f64 = 1.0 + 1e-6;
 
-/// Whether a disc of `radius` reaches over `distance`, which is infinite where there is nothing to reach
-fn reaches(distance: f32, radius: f64) -> bool {
-    distance.is_finite() && f64::from(distance) <= radius * ROUNDING
+/// Pixels whose center is at most `radius` px from a pixel of the given value
+///
+/// Down the columns first: how far the nearest such pixel is, if it is near enough. In a row, a pixel at that height
+/// covers a stretch whose length a table tells.
+fn within(mask: &Mask, radius: f64, value: bool) -> Mask {
+    let (width, height) = (mask.width(), mask.height());
+    let radius = radius * ROUNDING;
+    // No disc needs to be larger than the image.
+    let reach = (radius.min((width + height) as f64) as usize).min(usize::from(u16::MAX) - 1);
+    let far = reach as u16 + 1;
+    let half_widths: Vec<usize> = (0..=reach)
+        .map(|dy| {
+            let limit = radius.min(2.0 * (width + height) as f64).powi(2) - (dy * dy) as f64;
+            let mut dx = limit.max(0.0).sqrt() as usize;
+            while ((dx + 1) * (dx + 1)) as f64 <= limit {
+                dx += 1;
+            }
+            dx
+        })
+        .collect();
+    // Rows from a pixel of the value at or above, row by row; then the nearer of that and one below.
+    let mut above = vec![far; width * height];
+    let mut nearest = vec![far; width];
+    for (y, rows) in above.chunks_exact_mut(width.max(1)).enumerate() {
+        for ((row, near), &v) in rows.iter_mut().zip(&mut nearest).zip(mask.row(y)) {
+            *near = if v == value { 0 } else { far.min(*near + 1) };
+            *row = *near;
+        }
+    }
+    let mut out = Mask::filled(width, height, false);
+    // Stretches that begin at a pixel, less those that have ended before it
+    let mut starts = vec![0_i32; width + 1];
+    nearest.fill(far);
+    for y in (0..height).rev() {
+        let rows = &above[y * width..(y + 1) * width];
+        for (near, &v) in nearest.iter_mut().zip(mask.row(y)) {
+            *near = if v == value { 0 } else { far.min(*near + 1) };
+        }
+        starts.fill(0);
+        for (x, (&down, &up)) in nearest.iter().zip(rows).enumerate() {
+            let dy = down.min(up);
+            if dy < far {
+                let half = half_widths[usize::from(dy)];
+                starts[x.saturating_sub(half)] += 1;
+                starts[(x + half + 1).min(width)] -= 1;
+            }
+        }
+        let mut open = 0;
+        for (covered, start) in out.row_mut(y).iter_mut().zip(&starts) {
+            open += start;
+            *covered = open > 0;
+        }
+    }
+    out
 }
 
 /// Adds every pixel whose center is at most `radius` px from a pixel inside
@@ -28,7 +78,7 @@ pub fn dilate(mask: &Mask, radius: f64) -> Mask {
     if radius.is_nan() || radius < 1.0 {
         return mask.clone();
     }
-    distance_to(mask).map(|&d| reaches(d, radius))
+    within(mask, radius, true)
 }
 
 /// Removes every pixel whose center is at most `radius` px from a pixel outside
@@ -46,7 +96,11 @@ pub fn erode(mask: &Mask, radius: f64) -> Mask {
     if radius.is_nan() || radius < 1.0 {
         return mask.clone();
     }
-    distance_to(&mask.map(|&v| !v)).map(|&d| !reaches(d, radius))
+    let mut near_outside = within(mask, radius, false);
+    for value in near_outside.as_mut_slice() {
+        *value = !*value;
+    }
+    near_outside
 }
 
 /// Erodes, then dilates: removes what a disc of `radius` px does not fit into

@@ -153,8 +153,9 @@ impl BandCut {
 }
 
 fn capacity(energy: f32) -> i32 {
-    // a cast takes NaN to zero
-    (energy.clamp(-MAX_ENERGY, MAX_ENERGY) * CAPACITY_SCALE).round() as i32
+    // a cast cuts off, and takes NaN to zero
+    let scaled = energy.clamp(-MAX_ENERGY, MAX_ENERGY) * CAPACITY_SCALE;
+    (scaled + 0.5_f32.copysign(scaled)) as i32
 }
 
 /// One over twice the mean squared contrast of neighbors; 0 for a flat photo

@@ -1,7 +1,7 @@
 //! From a cut to a silhouette: crumbs removed, and the border at less than a pixel.
 
-use pirouette_geom::distance_map::{distance_to, signed_distance};
-use pirouette_geom::morphology::{erode, fill_holes_below, largest_component};
+use pirouette_geom::distance_map::signed_distance;
+use pirouette_geom::morphology::{dilate, erode, fill_holes_below, largest_component};
 use pirouette_geom::{Grid, Mask};
 
 use crate::plate::{BackgroundPlate, blur};
@@ -23,13 +23,12 @@ pub fn clean(mask: &Mask, scale: f64) -> Mask {
         return fill(&largest_component(mask));
     }
     // a disc around the eroded mask gives the opened one; twice its radius what is near that
-    let reach = (2.0 * DISC_PX * scale).max(1.0) as f32 + 1e-3;
-    let near = distance_to(&core);
+    let near = dilate(&core, (2.0 * DISC_PX * scale).max(1.0));
     let kept: Vec<bool> = part
         .as_slice()
         .iter()
         .zip(near.as_slice())
-        .map(|(&inside, &distance)| inside && distance <= reach)
+        .map(|(&inside, &near)| inside && near)
         .collect();
     let kept = Mask::from_vec(part.width(), part.height(), kept);
     let mut out = Mask::filled(mask.width(), mask.height(), false);
@@ -148,16 +147,15 @@ pub fn tidy_soft(soft: &mut Grid<f32>, scale: f64) -> Mask {
         return hard;
     };
     let part = fill_crumbs(&largest_component(&window.crop(&hard)), scale);
-    let near = distance_to(&part);
-    let fringe = (FRINGE_PX * scale).max(1.5) as f32;
+    let near = dilate(&part, (FRINGE_PX * scale).max(1.5));
     let mut tidy = window.crop(soft);
-    for ((value, &inside), &distance) in tidy
+    for ((value, &inside), &near) in tidy
         .as_mut_slice()
         .iter_mut()
         .zip(part.as_slice())
         .zip(near.as_slice())
     {
-        if distance > fringe {
+        if !near {
             *value = 0.0;
         } else if inside {
             // filled holes

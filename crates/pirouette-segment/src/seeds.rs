@@ -41,8 +41,9 @@ impl LogOdds {
 
     /// The nearest value there is; even odds for what is not a number
     pub fn new(log_odds: f32) -> Self {
-        // a cast of a float saturates and takes NaN to zero
-        Self((log_odds * Self::STEPS).round() as i8)
+        // a cast of a float cuts off, saturates and takes NaN to zero
+        let steps = log_odds * Self::STEPS;
+        Self((steps + 0.5_f32.copysign(steps)) as i8)
     }
 
     /// Natural logarithm of the odds

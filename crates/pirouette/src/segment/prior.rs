@@ -77,20 +77,41 @@ impl Prior {
         fit: &PriorFit,
     ) -> Option<Self> {
         let avatar: Mask = coverage.threshold(0.5);
-        avatar.bounding_box()?;
-        let distance = signed_distance(&avatar);
-        let mut seeds = distance.map(|&outside| {
-            let outside = f64::from(outside);
-            if outside > fit.outside_px * scale {
-                Seed::Background
-            } else if outside < -fit.inside_px * scale {
-                Seed::Person
-            } else if outside < fit.even_px * scale {
-                Seed::ProbablePerson
-            } else {
-                Seed::ProbableBackground
+        let (x0, y0, x1, y1) = avatar.bounding_box()?;
+        // Beyond this, all is background at the lowest odds.
+        let saturated = f64::from(fit.max_log_odds) * fit.odds_length_px + fit.even_px;
+        let farthest = fit.outside_px.max(saturated).max(MISFIT_PX);
+        let margin = (farthest.max(0.0) * scale).ceil() as usize + 1;
+        let (x0, y0) = (x0.saturating_sub(margin), y0.saturating_sub(margin));
+        let width = (x1 + margin).min(avatar.width()) - x0;
+        let height = (y1 + margin).min(avatar.height()) - y0;
+        let distance = signed_distance(&avatar.crop(x0, y0, width, height));
+        let mut seeds = Grid::filled(avatar.width(), avatar.height(), Seed::Background);
+        let mut odds = Grid::filled(
+            avatar.width(),
+            avatar.height(),
+            LogOdds::new(-fit.max_log_odds),
+        );
+        for y in 0..height {
+            let row = distance.row(y);
+            let seeds = &mut seeds.row_mut(y0 + y)[x0..x0 + width];
+            let odds = &mut odds.row_mut(y0 + y)[x0..x0 + width];
+            for ((seed, odds), &outside) in seeds.iter_mut().zip(odds).zip(row) {
+                let outside = f64::from(outside);
+                *seed = if outside > fit.outside_px * scale {
+                    Seed::Background
+                } else if outside < -fit.inside_px * scale {
+                    Seed::Person
+                } else if outside < fit.even_px * scale {
+                    Seed::ProbablePerson
+                } else {
+                    Seed::ProbableBackground
+                };
+                let inside = fit.even_px * scale - outside;
+                let log_odds = (inside / (fit.odds_length_px * scale)) as f32;
+                *odds = LogOdds::new(log_odds.clamp(-fit.max_log_odds, fit.max_log_odds));
             }
-        });
+        }
         let (mut met, mut misfits) = (0_usize, 0_usize);
         for line in &lines.lines {
             line.for_each_pixel(
@@ -98,7 +119,9 @@ impl Prior {
                 seeds.height(),
                 line.core_radius,
                 |x, y, _| {
-                    let outside = f64::from(distance[(x, y)]);
+                    let at = (x as isize - x0 as isize, y as isize - y0 as isize);
+                    let outside = distance.get(at.0, at.1).copied().unwrap_or(f32::INFINITY);
+                    let outside = f64::from(outside);
                     met += 1;
                     misfits += usize::from(outside > MISFIT_PX * scale);
                     if outside < fit.bone_px * scale {
@@ -110,11 +133,6 @@ impl Prior {
         if misfits as f64 > MAX_MISFIT_SHARE * met as f64 {
             return None;
         }
-        let odds = distance.map(|&outside| {
-            let inside = fit.even_px * scale - f64::from(outside);
-            let odds = (inside / (fit.odds_length_px * scale)) as f32;
-            LogOdds::new(odds.clamp(-fit.max_log_odds, fit.max_log_odds))
-        });
         Some(Self { seeds, odds })
     }
 }
