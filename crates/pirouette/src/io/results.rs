@@ -80,45 +80,45 @@ pub fn write_results(
 ) -> Result<(), ResultError> {
     make_folder(folder)?;
     let with_page = options.page_title.is_some();
-    let page_overlays: Vec<Option<Vec<u8>>> = report
-        .views
-        .par_iter()
-        .map(|view| write_view(folder, loaded, report, view, with_page))
-        .collect::<Result<_, _>>()?;
-    let mut contact_sheet = None;
-    let mut residuals = None;
-    if !report.views.is_empty() {
-        let file = folder.join("contact.jpg");
-        let jpeg = as_jpeg(&file, &draw_contact_sheet(loaded, report))?;
-        write_whole(&file, &jpeg)?;
-        contact_sheet = Some(jpeg);
-    }
-    if !report.views.is_empty()
-        && let Some(picture) = draw_residuals(loaded, report)
-    {
-        let file = folder.join("residuals.jpg");
+    let sheet = |name: &str, draw: &(dyn Fn() -> Option<Photo> + Sync)| {
+        let file = folder.join(name);
+        let Some(picture) = draw() else {
+            return Ok(None);
+        };
         let jpeg = as_jpeg(&file, &picture)?;
         write_whole(&file, &jpeg)?;
-        residuals = Some(jpeg);
-    }
-    // What was fitted has bones and colors.
-    let body = report.body.as_ref().map(|mesh| match &report.fit {
-        Some(fit) => BodyMesh {
-            colors: report.colors.as_ref().map(|colors| &colors.srgb[..]),
-            ..BodyMesh::from(&fit.avatar)
+        Ok::<_, ResultError>(Some(jpeg))
+    };
+    let some_views = !report.views.is_empty();
+    let contact = || some_views.then(|| draw_contact_sheet(loaded, report));
+    let residuals = || some_views.then(|| draw_residuals(loaded, report)).flatten();
+    let tapes = || {
+        let (mesh, measurements) = (report.body.as_ref()?, report.measurements.as_ref()?);
+        Some(tape_sheet(mesh, measurements))
+    };
+    let write_views = || {
+        let views = report.views.par_iter();
+        let write = |view| write_view(folder, loaded, report, view, with_page);
+        views.map(write).collect::<Result<Vec<_>, _>>()
+    };
+    let (((contact_sheet, residuals), tapes), (page_overlays, bodies)) = rayon::join(
+        || {
+            let contact = || sheet("contact.jpg", &contact);
+            let residuals = || sheet("residuals.jpg", &residuals);
+            rayon::join(
+                || rayon::join(contact, residuals),
+                || sheet("tapes.jpg", &tapes),
+            )
         },
-        None => BodyMesh::from(mesh),
-    });
-    let hull = report.hull.as_ref().map(BodyMesh::from);
-    for (name, body) in [("body", body), ("hull", hull)] {
-        if let Some(body) = body {
-            for format in options.formats {
-                let file = folder.join(format!("{name}.{}", format.extension()));
-                write_whole(&file, &format.write(body))?;
-            }
-        }
-    }
-    let mut tapes = None;
+        || {
+            rayon::join(write_views, || {
+                write_bodies(folder, report, options.formats)
+            })
+        },
+    );
+    let page_overlays = page_overlays?;
+    let (contact_sheet, residuals, tapes) = (contact_sheet?, residuals?, tapes?);
+    bodies?;
     let mut sizes = Vec::new();
     if let Some(measurements) = &report.measurements {
         let advice = measurements.advise(options.charts);
@@ -126,13 +126,6 @@ pub fn write_results(
             &folder.join("measurements.json"),
             &measurements.to_json(&advice),
         )?;
-        if let Some(mesh) = &report.body {
-            let file = folder.join("tapes.jpg");
-            let sheet = tape_sheet(mesh, measurements);
-            let jpeg = as_jpeg(&file, &sheet)?;
-            write_whole(&file, &jpeg)?;
-            tapes = Some(jpeg);
-        }
         if measurements.in_mm() {
             let advice = advice.into_iter();
             sizes = advice.map(|a| (a.chart, a.verdict)).collect();
@@ -151,6 +144,28 @@ pub fn write_results(
     // Last, so that a result.json stands for a whole result.
     let result = result_value(loaded, load_seconds, report);
     write_json(&folder.join("result.json"), &result)
+}
+
+/// Writes the body, and the hull where there is one, in each format
+fn write_bodies(folder: &Path, report: &Report, formats: &[MeshFormat]) -> Result<(), ResultError> {
+    // What was fitted has bones and colors.
+    let body = report.body.as_ref().map(|mesh| match &report.fit {
+        Some(fit) => BodyMesh {
+            colors: report.colors.as_ref().map(|colors| &colors.srgb[..]),
+            ..BodyMesh::from(&fit.avatar)
+        },
+        None => BodyMesh::from(mesh),
+    });
+    let hull = report.hull.as_ref().map(BodyMesh::from);
+    for (name, body) in [("body", body), ("hull", hull)] {
+        if let Some(body) = body {
+            for format in formats {
+                let file = folder.join(format!("{name}.{}", format.extension()));
+                write_whole(&file, &format.write(body))?;
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Writes the folder of one view and hands back its picture for the page

@@ -16,7 +16,7 @@ pub(super) type Color = [u8; 3];
 pub(super) fn mix(pixel: &mut Color, color: Color, alpha: f64) {
     let alpha = alpha.clamp(0.0, 1.0);
     for (p, c) in pixel.iter_mut().zip(color) {
-        *p = (f64::from(*p) * (1.0 - alpha) + f64::from(c) * alpha).round() as u8;
+        *p = (f64::from(*p) * (1.0 - alpha) + f64::from(c) * alpha + 0.5) as u8;
     }
 }
 
@@ -68,7 +68,9 @@ pub(super) fn stroke(photo: &mut Photo, lines: &[[DVec2; 2]], width: f64, color:
         let covered = ink.row(y - rows.start);
         let pixels = &mut photo.row_mut(y)[columns.clone()];
         for (pixel, &coverage) in pixels.iter_mut().zip(covered) {
-            mix(pixel, color, f64::from(coverage));
+            if coverage > 0.0 {
+                mix(pixel, color, f64::from(coverage));
+            }
         }
     }
 }
@@ -211,13 +213,35 @@ pub(super) fn shrink(photo: &Photo, crop: Crop, width: usize, height: usize) -> 
     }
     let across = box_weights(crop.left, crop.right, columns, width);
     let down = box_weights(crop.top, crop.bottom, rows, height);
-    let narrow: Grid<[f32; 3]> = Grid::from_fn(width, rows, |x, y| {
-        let row = photo.row(y);
-        weighted_mean(&across[x], |column| row[column].map(f32::from))
-    });
-    Photo::from_fn(width, height, |x, y| {
-        weighted_mean(&down[y], |row| narrow[(x, row)]).map(|v| (v + 0.5) as u8)
-    })
+    let (Some((left, _)), Some((last, weights))) = (across.first(), across.last()) else {
+        return Photo::filled(width, height, [128; 3]);
+    };
+    let covered = *left..last + weights.len();
+    let mut flat = vec![0f32; 3 * covered.len()];
+    let mut pixels = Vec::with_capacity(width * height);
+    // Rows that fall together are summed up first, all columns of them at once.
+    for (first, weights) in &down {
+        flat.fill(0.0);
+        for (row, &weight) in (*first..).zip(weights) {
+            let levels = photo.row(row)[covered.clone()].as_flattened();
+            for (sum, &level) in flat.iter_mut().zip(levels) {
+                *sum += f32::from(level) * weight;
+            }
+        }
+        let total: f32 = weights.iter().sum();
+        let columns = flat.as_chunks::<3>().0;
+        pixels.extend(across.iter().map(|(first, weights)| {
+            let mut sum = [0f32; 3];
+            for (column, &weight) in columns[first - covered.start..].iter().zip(weights) {
+                for (s, v) in sum.iter_mut().zip(column) {
+                    *s += v * weight;
+                }
+            }
+            let total = total * weights.iter().sum::<f32>();
+            sum.map(|s| (s / total.max(f32::MIN_POSITIVE) + 0.5) as u8)
+        }));
+    }
+    Photo::from_vec(width, height, pixels)
 }
 
 /// For each new pixel the old ones that it covers: the first, and the covered length of each
@@ -237,22 +261,6 @@ fn box_weights(low: f64, high: f64, old: usize, new: usize) -> Vec<(usize, Vec<f
             (first, weights)
         })
         .collect()
-}
-
-fn weighted_mean(
-    (first, weights): &(usize, Vec<f32>),
-    value: impl Fn(usize) -> [f32; 3],
-) -> [f32; 3] {
-    let mut sum = [0f32; 3];
-    let mut total = 0f32;
-    for (i, &weight) in weights.iter().enumerate() {
-        let v = value(first + i);
-        for (s, v) in sum.iter_mut().zip(v) {
-            *s += v * weight;
-        }
-        total += weight;
-    }
-    sum.map(|s| s / total.max(f32::MIN_POSITIVE))
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! All views at a glance: one column per view, one row per stage.
 
 use pirouette_geom::{Grid, Mask};
+use rayon::prelude::*;
 
 use super::canvas::{self, Color, Crop, mix, paste, shrink, sized_box, tint_box};
 use super::font;
@@ -78,12 +79,16 @@ pub fn contact_sheet(views: &[ContactView]) -> Photo {
             canvas::write(&mut sheet, (GAP_PX, middle), label, TEXT_SCALE, INK);
         }
     }
-    for (index, view) in views.iter().enumerate() {
+    let drawn: Vec<_> = views
+        .par_iter()
+        .map(|view| tiles(view, crop, tile_width))
+        .collect();
+    for (index, (view, tiles)) in views.iter().zip(drawn).enumerate() {
         let left = label_width + index % VIEWS_PER_BAND * (tile_width + GAP_PX);
         let top = GAP_PX + index / VIEWS_PER_BAND * band_height;
         let angle = format!("{:.0}°", view.turn.degrees());
         title(&mut sheet, (left, top), tile_width, view.name, &angle);
-        for (row, tile) in tiles(view, crop, tile_width).into_iter().enumerate() {
+        for (row, tile) in tiles.into_iter().enumerate() {
             let corner = (left, top + line + row * (TILE_HEIGHT_PX + GAP_PX));
             match tile {
                 Some(tile) => paste(&mut sheet, &tile, corner),

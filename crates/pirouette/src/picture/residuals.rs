@@ -4,6 +4,7 @@ use glam::DVec2;
 use pirouette_geom::Grid;
 use pirouette_geom::contour::trace_outline;
 use pirouette_geom::distance_map::{bilinear, signed_distance};
+use rayon::prelude::*;
 
 use super::canvas::{self, Color, Crop, mix, paste, shrink, sized_box, stroke, tint_box};
 use crate::scan::Photo;
@@ -86,16 +87,19 @@ pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: u
     let height = GAP_PX + bands * band_height + legends.1;
     let mut sheet = Photo::filled(width.max(legends.0), height, PAPER);
 
-    let tiles = views.iter().map(|view| {
-        let (tile, mean_mm) = tile(view, crop, tile_width);
-        let title = format!("{} {:.0}°", view.name, view.turn.degrees());
-        (tile, title, mean_mm.map(|mm| format!("{mm:.1} mm")))
-    });
+    let tiles: Vec<_> = views
+        .par_iter()
+        .map(|view| {
+            let (tile, mean_mm) = tile(view, crop, tile_width);
+            let title = format!("{} {:.0}°", view.name, view.turn.degrees());
+            (tile, title, mean_mm.map(|mm| format!("{mm:.1} mm")))
+        })
+        .collect();
     let seen = bodies.iter().map(|body| {
         let tile = shrink(body.picture, crop, tile_width, TILE_HEIGHT_PX);
         (tile, body.label.to_owned(), None)
     });
-    for (place, (tile, title, note)) in tiles.chain(seen).enumerate() {
+    for (place, (tile, title, note)) in tiles.into_iter().chain(seen).enumerate() {
         let left = GAP_PX + place % TILES_PER_BAND * (tile_width + GAP_PX);
         let top = GAP_PX + place / TILES_PER_BAND * band_height;
         canvas::write(&mut sheet, (left, top), &title, TEXT_SCALE, INK);

@@ -140,9 +140,15 @@ fn each_pixel(
         return;
     }
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-    // pixel centers within [low, high]; float to integer casts saturate
-    let first = |v: f64| (v - 0.5).ceil().max(0.0) as usize;
-    let end = |v: f64, size: usize| ((v - 0.5).floor() + 1.0).clamp(0.0, size as f64) as usize;
+    // pixel centers within [low, high]; float to integer casts cut off and saturate
+    let first = |v: f64| {
+        let below = (v - 0.5) as usize;
+        below + usize::from((below as f64) < v - 0.5)
+    };
+    let end = |v: f64, size: usize| match v - 0.5 {
+        last if last >= 0.0 => (last as usize).saturating_add(1).min(size),
+        _ => 0,
+    };
     let (x0, x1) = (first(low.x), end(high.x, width));
     let (y0, y1) = (first(low.y), end(high.y, height));
     // barycentric weights of b and c grow by these per column
