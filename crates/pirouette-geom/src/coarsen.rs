@@ -7,6 +7,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::tri_mesh::TriMesh;
 
@@ -237,14 +238,17 @@ impl<'a> Collapse<'a> {
         for (c, &v) in vertices.iter().enumerate() {
             coarse[v as usize] = c as u32;
         }
+        for v in 0..self.alive.len() {
+            let mut root = v as u32;
+            while !self.alive[root as usize] {
+                root = self.went_to[root as usize];
+            }
+            self.went_to[v] = root;
+        }
         let blends = (0..self.alive.len() as u32)
+            .into_par_iter()
             .map(|v| {
-                let mut root = v;
-                while !self.alive[root as usize] {
-                    root = self.went_to[root as usize];
-                }
-                self.went_to[v as usize] = root;
-                let blend = self.blend(v, root);
+                let blend = self.blend(v, self.went_to[v as usize]);
                 Blend {
                     vertices: blend.vertices.map(|v| coarse[v as usize]),
                     ..blend

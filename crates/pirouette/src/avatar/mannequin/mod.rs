@@ -24,6 +24,7 @@ mod tests;
 
 use glam::DVec3;
 use pirouette_geom::TriMesh;
+use rayon::prelude::*;
 use thiserror::Error;
 
 use self::extremities::FootPlan;
@@ -197,7 +198,7 @@ fn build_figure(parameters: &MannequinParameters, spacing: f64) -> Result<Avatar
     let heads = body.frame.bone_heads();
     let weights = mesh
         .positions
-        .iter()
+        .par_iter()
         .map(|&p| skin_weight(&body.field, &body.frame, &heads, p))
         .collect();
     let mut avatar = Avatar {
