@@ -26,7 +26,7 @@ use thiserror::Error;
 use crate::avatar::Avatar;
 use crate::camera::Camera;
 use crate::pose::{Pose, PosedBones, pose_bones};
-use crate::scan::CameraSetup;
+use crate::scan::{CameraSetup, View};
 use crate::skeleton::{Bone, Joint, Keypoints};
 use crate::units::TurnAngle;
 use model::{Problem, Shared, Unknowns, room_joints};
@@ -49,6 +49,18 @@ pub struct BundleView {
     pub width_px: usize,
     /// Rows of the photo
     pub height_px: usize,
+}
+
+impl From<&View> for BundleView {
+    /// The view as it was given
+    fn from(view: &View) -> Self {
+        Self {
+            turn: view.turn,
+            keypoints: view.keypoints,
+            width_px: view.photo.width(),
+            height_px: view.photo.height(),
+        }
+    }
 }
 
 /// How the bundle is solved

@@ -172,16 +172,7 @@ impl<'a> Job<'a> {
             return Ok(None);
         }
         let found = self.stage(Stage::Bundle, 1, |_| {
-            let views: Vec<BundleView> = scan
-                .views
-                .iter()
-                .map(|view| BundleView {
-                    turn: view.turn,
-                    keypoints: view.keypoints,
-                    width_px: view.photo.width(),
-                    height_px: view.photo.height(),
-                })
-                .collect();
+            let views: Vec<BundleView> = scan.views.iter().map(BundleView::from).collect();
             let options = BundleOptions::default();
             bundle(avatar, &views, &scan.camera, scan.stature_mm, &options)
         })?;

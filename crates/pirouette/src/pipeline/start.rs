@@ -123,14 +123,10 @@ fn pose_figure(
 ) -> Option<(Avatar, Pose, Vec<Pose>)> {
     let bundle_views: Vec<BundleView> = views
         .iter()
-        .map(|view| {
-            let photo = &scan.views[view.index].photo;
-            BundleView {
-                turn: first.turns[view.index],
-                keypoints: first.keypoints[view.index],
-                width_px: photo.width(),
-                height_px: photo.height(),
-            }
+        .map(|view| BundleView {
+            turn: first.turns[view.index],
+            keypoints: first.keypoints[view.index],
+            ..BundleView::from(&scan.views[view.index])
         })
         .collect();
     let camera = first.cameras.first()?;

@@ -64,16 +64,7 @@ pub fn scale_by_pixels(
         pose: scan.pose,
         ..MannequinParameters::default()
     })?;
-    let views: Vec<BundleView> = scan
-        .views
-        .iter()
-        .map(|view| BundleView {
-            turn: view.turn,
-            keypoints: view.keypoints,
-            width_px: view.photo.width(),
-            height_px: view.photo.height(),
-        })
-        .collect();
+    let views: Vec<BundleView> = scan.views.iter().map(BundleView::from).collect();
     // Heights of the camera are in true mm, the figure's are not.
     let camera = CameraSetup {
         height_mm: None,
