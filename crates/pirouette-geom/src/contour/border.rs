@@ -42,106 +42,170 @@ pub fn trace_contours(mask: &Mask) -> Vec<Contour> {
 pub fn trace_borders(mask: &Mask) -> Vec<Border> {
     let mut field = Field::new(mask);
     let mut borders: Vec<Border> = Vec::new();
-    for y in 1..=mask.height() {
-        // The border met last in this row: its number, 1 is the frame of the image
-        let mut last_border = FRAME;
-        let row = y * field.width;
-        let mut left = 0;
-        for at in row + 1..row + field.width {
-            let here = field.labels[at];
-            if here == left {
+    for y in 0..mask.height() {
+        let row = (y + 1) * field.stride;
+        let mut carried = 0;
+        for block in (row..row + field.stride).step_by(BLOCK) {
+            // Most blocks are all inside or all outside.
+            if field.uniform(block, carried) {
                 continue;
             }
-            let start = if left == 0 && here == UNVISITED {
-                Some((at, at - 1, false))
-            } else if here == 0 && left >= UNVISITED {
-                if left > UNVISITED {
-                    last_border = left;
-                }
-                Some((at - 1, at, true))
-            } else {
-                None
-            };
-            if let Some((from, outside, hole)) = start {
-                let parent = parent_of(&borders, last_border, hole);
-                let number = borders.len() as i32 + FIRST_BORDER;
-                let points = field.follow(from, outside, number);
-                borders.push(Border {
-                    contour: Contour { points, hole },
-                    parent,
-                });
-            }
-            // A new hole border may have marked the pixel on the left, a new outer border this one
-            let here = field.labels[at];
-            if here != 0 && here != UNVISITED {
-                last_border = here.abs();
-            } else if here == 0 && at > row + 1 {
-                let marked = field.labels[at - 1];
-                if marked != 0 && marked != UNVISITED {
-                    last_border = marked.abs();
+            for word in (block..block + BLOCK).step_by(WORD) {
+                let inside = field.inside_bits(word);
+                let mut changes = inside ^ (inside << 8 | carried);
+                carried = inside >> 56;
+                while changes != 0 {
+                    let at = word + changes.trailing_zeros() as usize / 8;
+                    changes &= changes - 1;
+                    // At the first pixel of a run, or the first one behind it
+                    let hole = field.labels[at] == 0;
+                    let from = if hole { at - 1 } else { at };
+                    let starts = if hole {
+                        field.labels[from] & CLOSED == 0
+                    } else {
+                        field.labels[from] == UNVISITED
+                    };
+                    if !starts {
+                        continue;
+                    }
+                    let parent = parent_of(&borders, field.border_before(from, row, y), hole);
+                    let outside = if hole { at } else { at - 1 };
+                    let points = field.follow(from, outside, borders.len() as u32);
+                    borders.push(Border {
+                        contour: Contour { points, hole },
+                        parent,
+                    });
                 }
             }
-            left = here;
         }
     }
     borders
 }
 
-const UNVISITED: i32 = 1;
-const FRAME: i32 = 1;
-const FIRST_BORDER: i32 = 2;
+/// Pixels of one word
+const WORD: usize = 8;
 
-/// Parent of a new border, given the number of the border met last (table 1 of the paper)
-fn parent_of(borders: &[Border], last_border: i32, hole: bool) -> Option<usize> {
-    let last = usize::try_from(last_border - FIRST_BORDER).ok()?;
-    let border = borders.get(last)?;
-    if border.contour.hole == hole {
-        border.parent
+/// Pixels of a block, which is looked at as a whole
+const BLOCK: usize = 4 * WORD;
+
+/// Labels: outside is 0, and all pixels inside have this bit
+const UNVISITED: u8 = 1;
+/// A border passed, with inside on its right
+const OPEN: u8 = 3;
+/// A border passed, with outside on its right: the scan starts no hole there
+const CLOSED: u8 = 4;
+
+/// Parent of a new border, given the one met last in its row (table 1 of the paper)
+fn parent_of(borders: &[Border], last: Option<u32>, hole: bool) -> Option<usize> {
+    let last = last? as usize;
+    if borders[last].contour.hole == hole {
+        borders[last].parent
     } else {
         Some(last)
     }
 }
 
-/// The mask with a frame of one pixel, and on its border pixels the number of the border that passed
+/// Which border passed a pixel
+struct Mark {
+    at: usize,
+    border: u32,
+    /// The mark before it in the same row
+    before: Option<u32>,
+}
+
+/// The mask with a frame of outside, and on its border pixels what passed there
+///
+/// One byte per pixel, so that rows are scanned quickly. Which border it was is asked for new borders only, and kept in
+/// lists per row.
 struct Field {
-    labels: Vec<i32>,
-    width: usize,
+    labels: Vec<u8>,
+    /// Bytes of a row: whole blocks
+    stride: usize,
+    marks: Vec<Mark>,
+    /// The last mark of each row
+    last_mark: Vec<Option<u32>>,
     /// Offsets to the eight neighbors, clockwise on screen, starting to the right
     around: [isize; 8],
 }
 
 impl Field {
     fn new(mask: &Mask) -> Self {
-        let width = mask.width() + 2;
-        let mut labels = vec![0; width * (mask.height() + 2)];
+        let stride = (mask.width() + 2).next_multiple_of(BLOCK);
+        let mut labels = vec![0; stride * (mask.height() + 2)];
         for y in 0..mask.height() {
-            let start = (y + 1) * width + 1;
+            let start = (y + 1) * stride + 1;
             let row = &mut labels[start..start + mask.width()];
             for (label, &inside) in row.iter_mut().zip(mask.row(y)) {
-                *label = i32::from(inside);
+                *label = u8::from(inside);
             }
         }
-        let w = width as isize;
+        let w = stride as isize;
         Self {
             labels,
-            width,
+            stride,
+            marks: Vec::new(),
+            last_mark: vec![None; mask.height()],
             around: [1, w + 1, w, w - 1, -1, -w - 1, -w, -w + 1],
         }
     }
 
+    /// Whether a pixel is inside, for each of a word: the lowest bit of its byte
+    fn inside_bits(&self, word: usize) -> u64 {
+        const LOWEST: u64 = u64::from_le_bytes([UNVISITED; WORD]);
+        let mut bytes = [0; WORD];
+        bytes.copy_from_slice(&self.labels[word..word + WORD]);
+        u64::from_le_bytes(bytes) & LOWEST
+    }
+
+    /// Whether a block is all inside, or all outside, as the pixel before it
+    fn uniform(&self, block: usize, carried: u64) -> bool {
+        let before = carried as u8;
+        let labels = &self.labels[block..block + BLOCK];
+        labels
+            .iter()
+            .fold(0, |odd, label| odd | (label & UNVISITED ^ before))
+            == 0
+    }
+
+    /// The border that passed last in a row, up to `at`
+    ///
+    /// Of the pixels left of `at`, and itself, it is the nearest one that a border passed.
+    fn border_before(&self, at: usize, row: usize, y: usize) -> Option<u32> {
+        let labels = &self.labels[row..=at];
+        let nearest = row + labels.iter().rposition(|&label| label > UNVISITED)?;
+        let mut next = self.last_mark[y];
+        loop {
+            let mark = &self.marks[next? as usize];
+            if mark.at == nearest {
+                return Some(mark.border);
+            }
+            next = mark.before;
+        }
+    }
+
+    fn mark(&mut self, at: usize, y: usize, label: u8, border: u32) {
+        self.labels[at] = label;
+        let last = &mut self.last_mark[y];
+        let before = last.replace(self.marks.len() as u32);
+        self.marks.push(Mark { at, border, before });
+    }
+
     /// Follows the border that passes between the pixels `start` and `outside`, and marks it
-    fn follow(&mut self, start: usize, outside: usize, number: i32) -> Vec<DVec2> {
-        let mut points = Vec::new();
-        let neighbor = |at: usize, direction: usize| at.wrapping_add_signed(self.around[direction]);
+    fn follow(&mut self, start: usize, outside: usize, border: u32) -> Vec<DVec2> {
+        let around = self.around;
+        let neighbor = |at: usize, direction: usize| at.wrapping_add_signed(around[direction]);
+        let (mut x, mut y) = (start % self.stride - 1, start / self.stride - 1);
+        let center = |x: usize, y: usize| DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
         let out_direction = if outside > start { RIGHT } else { LEFT };
         // The last pixel of the walk: the first one met turning clockwise from outside
         let last_direction = (1..8)
             .map(|turn| (out_direction + turn) % 8)
             .find(|&d| self.labels[neighbor(start, d)] != 0);
         let Some(last_direction) = last_direction else {
-            self.labels[start] = -number;
-            return vec![self.center(start)];
+            self.mark(start, y, OPEN | CLOSED, border);
+            return vec![center(x, y)];
         };
+        let mut points = Vec::new();
         let last = neighbor(start, last_direction);
         let mut at = start;
         let mut back = last_direction;
@@ -151,35 +215,44 @@ impl Field {
             let mut passed_right = false;
             let next = loop {
                 direction = (direction + 7) % 8;
-                let next = at.wrapping_add_signed(self.around[direction]);
+                let next = neighbor(at, direction);
                 if self.labels[next] != 0 {
                     break next;
                 }
                 passed_right |= direction == RIGHT;
             };
-            // The scan must not start on this border again: negative where outside is on its right
+            // The scan must not start on this border again
             if passed_right {
-                self.labels[at] = -number;
+                self.mark(at, y, OPEN | CLOSED, border);
             } else if self.labels[at] == UNVISITED {
-                self.labels[at] = number;
+                self.mark(at, y, OPEN, border);
             }
-            points.push(self.center(at));
+            points.push(center(x, y));
             if next == start && at == last {
                 break;
             }
             back = (direction + 4) % 8;
             at = next;
+            x = x.wrapping_add_signed(STEPS[direction].0);
+            y = y.wrapping_add_signed(STEPS[direction].1);
         }
         // The walk keeps outside on its right; contours have inside on theirs
         points[1..].reverse();
         points
     }
-
-    fn center(&self, at: usize) -> DVec2 {
-        let (x, y) = (at % self.width, at / self.width);
-        DVec2::new(x as f64 - 0.5, y as f64 - 0.5)
-    }
 }
+
+/// Steps to the eight neighbors, clockwise on screen, starting to the right
+const STEPS: [(isize, isize); 8] = [
+    (1, 0),
+    (1, 1),
+    (0, 1),
+    (-1, 1),
+    (-1, 0),
+    (-1, -1),
+    (0, -1),
+    (1, -1),
+];
 
 const RIGHT: usize = 0;
 const LEFT: usize = 4;

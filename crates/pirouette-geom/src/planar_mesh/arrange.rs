@@ -91,23 +91,6 @@ pub(crate) fn arrange<'a>(loops: impl Iterator<Item = &'a [DVec2]>) -> Arrangeme
 }
 
 impl Arrangement {
-    /// Winding number of the loops around a point that lies on no edge
-    pub(crate) fn winding_at(&self, p: DVec2) -> i32 {
-        let mut winding = 0;
-        for edge in &self.edges {
-            let (a, b) = self.ends(edge);
-            if (a.y <= p.y) != (b.y <= p.y) && crossing_x(a, b, p.y) > p.x {
-                // the ray to +x leaves through an edge that runs down the screen from its inner side
-                winding += if a.y < b.y {
-                    edge.winding
-                } else {
-                    -edge.winding
-                };
-            }
-        }
-        winding
-    }
-
     /// Where the horizontal line at `y` enters (true) and leaves (false) nonzero winding, sorted by x
     pub(crate) fn inside_spans(&self, y: f64) -> Vec<(f64, f64)> {
         let mut crossings: Vec<(f64, i32)> = self
@@ -176,6 +159,92 @@ impl Arrangement {
             self.edges = merge(&split);
         }
         self.points = points.list;
+    }
+}
+
+/// Looks up what lies inside: edges by the bands of y that they reach into
+pub(crate) struct Inside {
+    low: DVec2,
+    high: DVec2,
+    band_height: f64,
+    /// Edges of band `b` are `edges[first[b]..first[b + 1]]`
+    first: Vec<usize>,
+    edges: Vec<(DVec2, DVec2, i32)>,
+}
+
+impl Inside {
+    pub(crate) fn new(arrangement: &Arrangement) -> Self {
+        let ends: Vec<(DVec2, DVec2, i32)> = arrangement
+            .edges
+            .iter()
+            .map(|edge| {
+                let (a, b) = arrangement.ends(edge);
+                (a, b, edge.winding)
+            })
+            .collect();
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        let mut rise = 0.0;
+        for (a, b, _) in &ends {
+            low = low.min(a.min(*b));
+            high = high.max(a.max(*b));
+            rise += (b.y - a.y).abs();
+        }
+        // About as high as the edges, so that those are in two or three bands each
+        let band_height = (rise / ends.len().max(1) as f64).max(GRID_PX);
+        let count = (((high.y - low.y) / band_height) as usize).clamp(1, ends.len().max(1));
+        let mut inside = Self {
+            low,
+            high,
+            band_height: band_height.max((high.y - low.y) / count as f64),
+            first: vec![0; count + 1],
+            edges: Vec::new(),
+        };
+        let bands = |inside: &Self, (a, b, _): &(DVec2, DVec2, i32)| {
+            inside.band(a.y.min(b.y))..=inside.band(a.y.max(b.y))
+        };
+        let mut in_band: Vec<(usize, usize)> = Vec::with_capacity(3 * ends.len());
+        for (index, edge) in ends.iter().enumerate() {
+            in_band.extend(bands(&inside, edge).map(|band| (band, index)));
+        }
+        in_band.sort_unstable();
+        for &(band, index) in &in_band {
+            inside.first[band + 1] += 1;
+            inside.edges.push(ends[index]);
+        }
+        for band in 0..count {
+            inside.first[band + 1] += inside.first[band];
+        }
+        inside
+    }
+
+    fn band(&self, y: f64) -> usize {
+        let last = self.first.len().saturating_sub(2);
+        (((y - self.low.y) / self.band_height) as usize).min(last)
+    }
+
+    /// Smallest box around all edges
+    pub(crate) fn bounds(&self) -> (DVec2, DVec2) {
+        (self.low, self.high)
+    }
+
+    /// Whether the winding number around a point that lies on no edge is not zero
+    pub(crate) fn contains(&self, p: DVec2) -> bool {
+        self.winding_at(p) != 0
+    }
+
+    fn winding_at(&self, p: DVec2) -> i32 {
+        if !(p.y >= self.low.y && p.y <= self.high.y) {
+            return 0;
+        }
+        let band = self.band(p.y);
+        let mut winding = 0;
+        for &(a, b, step) in &self.edges[self.first[band]..self.first[band + 1]] {
+            if (a.y <= p.y) != (b.y <= p.y) && crossing_x(a, b, p.y) > p.x {
+                // the ray to +x leaves through an edge that runs down the screen from its inner side
+                winding += if a.y < b.y { step } else { -step };
+            }
+        }
+        winding
     }
 }
 
@@ -375,8 +444,8 @@ mod tests {
         let arrangement = arranged(&[bow]);
         assert_eq!(arrangement.points.len(), 5);
         assert_eq!(arrangement.edges.len(), 6);
-        let left = arrangement.winding_at(DVec2::new(0.5, 1.0));
-        let right = arrangement.winding_at(DVec2::new(1.5, 1.0));
+        let left = Inside::new(&arrangement).winding_at(DVec2::new(0.5, 1.0));
+        let right = Inside::new(&arrangement).winding_at(DVec2::new(1.5, 1.0));
         assert_eq!((left, right), (1, -1));
     }
 
@@ -393,8 +462,14 @@ mod tests {
         ]);
         let arrangement = arranged(&[flag]);
         assert_eq!(arrangement.edges.len(), 5);
-        assert_eq!(arrangement.winding_at(DVec2::new(1.0, 1.0)), 1);
-        assert_eq!(arrangement.winding_at(DVec2::new(2.5, 6.0)), 0);
+        assert_eq!(
+            Inside::new(&arrangement).winding_at(DVec2::new(1.0, 1.0)),
+            1
+        );
+        assert_eq!(
+            Inside::new(&arrangement).winding_at(DVec2::new(2.5, 6.0)),
+            0
+        );
         assert_eq!(arrangement.inside_spans(2.0), [(0.0, 4.0)]);
     }
 

@@ -13,14 +13,12 @@ mod near;
 
 pub use apart::simplify_apart;
 
-use std::collections::HashMap;
-
 use glam::DVec2;
-use spade::handles::FixedFaceHandle;
+use spade::handles::{DirectedEdgeHandle, FixedFaceHandle};
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
 
 use crate::contour::Contour;
-use arrange::{Arrangement, from_grid, to_grid};
+use arrange::{Arrangement, Inside, from_grid, to_grid};
 use near::SegmentIndex;
 
 /// A triangle mesh in the plane
@@ -131,7 +129,7 @@ pub fn triangulate(
 
     let mut vertices = Vertices::on_edges(&arrangement);
     let radius = spacing.unwrap_or(0.0).max(options.clearance);
-    let mut walls = SegmentIndex::new(low, high, radius);
+    let mut walls = SegmentIndex::new(low, high, radius, arrangement.edges.len());
     for edge in &arrangement.edges {
         let (a, b) = arrangement.ends(edge);
         walls.insert(a, b);
@@ -218,20 +216,21 @@ fn place_interior(
 ) -> Vec<Option<u32>> {
     // below one grid step, distinct points could round onto an edge
     let clearance = options.clearance.max(2.0 * arrange::GRID_PX);
+    let inside = Inside::new(arrangement);
+    let (low, high) = inside.bounds();
+    let mut earlier = SegmentIndex::new(low, high, clearance, interior.len());
     let place = |&given: &DVec2| {
         let p = from_grid(to_grid(given));
-        if arrangement.winding_at(p) == 0 || walls.any_within(p, clearance) {
+        if !inside.contains(p) || walls.any_within(p, clearance) {
             return None;
         }
-        let earlier = &vertices.positions[vertices.contour_count..];
-        let near = earlier.iter().position(|q| q.distance(p) < clearance);
-        Some(match near {
-            Some(i) => (vertices.contour_count + i) as u32,
-            None => {
-                vertices.positions.push(p);
-                vertices.positions.len() as u32 - 1
-            }
-        })
+        let near = earlier.first_within(p, clearance);
+        let place = near.unwrap_or(vertices.positions.len() - vertices.contour_count);
+        if near.is_none() {
+            vertices.positions.push(p);
+            earlier.insert(p, p);
+        }
+        Some((vertices.contour_count + place) as u32)
     };
     interior.iter().map(place).collect()
 }
@@ -268,8 +267,8 @@ fn fill(
 /// Triangulates and keeps the triangles where the winding number is not zero
 fn inner_triangles(arrangement: &Arrangement, vertices: &Vertices) -> Vec<[u32; 3]> {
     let points = vertices.positions.iter().map(|p| Point2::new(p.x, p.y));
-    let mut windings: HashMap<(usize, usize), i32> = HashMap::new();
     let mut constraints = Vec::with_capacity(arrangement.edges.len());
+    let mut windings = Vec::with_capacity(arrangement.edges.len());
     for edge in &arrangement.edges {
         let [Some(a), Some(b)] =
             [edge.from, edge.to].map(|p| vertices.of_point[p as usize].map(|v| v as usize))
@@ -277,8 +276,11 @@ fn inner_triangles(arrangement: &Arrangement, vertices: &Vertices) -> Vec<[u32; 
             continue;
         };
         constraints.push([a, b]);
-        windings.insert((a, b), edge.winding);
+        // Both ways, whoever looks from left or right
+        windings.push(((a, b), -edge.winding));
+        windings.push(((b, a), edge.winding));
     }
+    windings.sort_unstable_by_key(|&(ends, _)| ends);
     // The arrangement leaves no conflicts and the coordinates are bounded, so neither the callback nor the
     // error occurs; an empty mesh is the honest answer should it ever.
     let triangulation = ConstrainedDelaunayTriangulation::<Point2<f64>>::try_bulk_load_cdt(
@@ -296,32 +298,35 @@ fn inner_triangles(arrangement: &Arrangement, vertices: &Vertices) -> Vec<[u32; 
     let mut winding_of: Vec<Option<i32>> = vec![None; triangulation.num_all_faces()];
     winding_of[outside.index()] = Some(0);
     let mut open: Vec<(FixedFaceHandle<_>, i32)> = vec![(outside, 0)];
-    let edges_of_outside: Vec<_> = triangulation.convex_hull().map(|edge| edge.fix()).collect();
-    while let Some((face, winding)) = open.pop() {
-        let inner = triangulation.face(face).as_inner();
-        let edges: Vec<_> = match inner {
-            Some(inner) => inner.adjacent_edges().iter().map(|e| e.fix()).collect(),
-            None => edges_of_outside.clone(),
-        };
-        for edge in edges {
-            let edge = triangulation.directed_edge(edge);
-            // whichever way the hull is walked, the neighbor is the side that is not this face
-            let (edge, neighbor) = if edge.face().fix() == face {
-                (edge, edge.rev().face().fix())
+    let mut cross = |edge: DirectedEdgeHandle<_, _, _, _>, winding, open: &mut Vec<_>| {
+        let neighbor = edge.rev().face().fix();
+        let slot = &mut winding_of[neighbor.index()];
+        if slot.is_none() {
+            let ends = (edge.from().fix().index(), edge.to().fix().index());
+            let step = if edge.is_constraint_edge() {
+                let found = windings.binary_search_by_key(&ends, |&(ends, _)| ends);
+                found.map_or(0, |place| windings[place].1)
             } else {
-                (edge.rev(), edge.face().fix())
+                0
             };
-            let (a, b) = (edge.from().fix().index(), edge.to().fix().index());
-            // `face` is left of a -> b
-            let step = match (windings.get(&(a, b)), windings.get(&(b, a))) {
-                (Some(w), _) => -w,
-                (None, Some(w)) => *w,
-                (None, None) => 0,
-            };
-            let slot = &mut winding_of[neighbor.index()];
-            if slot.is_none() {
-                *slot = Some(winding + step);
-                open.push((neighbor, winding + step));
+            *slot = Some(winding + step);
+            open.push((neighbor, winding + step));
+        }
+    };
+    while let Some((face, winding)) = open.pop() {
+        match triangulation.face(face).as_inner() {
+            Some(inner) => {
+                for edge in inner.adjacent_edges() {
+                    cross(edge, winding, &mut open);
+                }
+            }
+            None => {
+                for edge in triangulation.convex_hull() {
+                    // Whichever way the hull is walked, we look from outside.
+                    let from_outside = edge.face().fix() == face;
+                    let edge = if from_outside { edge } else { edge.rev() };
+                    cross(edge, winding, &mut open);
+                }
             }
         }
     }

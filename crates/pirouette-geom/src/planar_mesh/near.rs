@@ -2,7 +2,10 @@
 
 use glam::DVec2;
 
-/// Above this many cells the cells grow: a coarse grid is slow, a huge one does not fit
+/// Cells per expected segment at most: more are slower to make than to look through
+const CELLS_PER_SEGMENT: f64 = 4.0;
+
+/// Cells at most
 const MAX_CELLS: f64 = 250_000.0;
 
 /// Segments in square cells
@@ -12,16 +15,30 @@ pub(crate) struct SegmentIndex {
     cell: f64,
     columns: usize,
     rows: usize,
-    cells: Vec<Vec<[DVec2; 2]>>,
+    /// The last entry of each cell
+    last: Vec<Option<u32>>,
+    entries: Vec<Entry>,
+    count: usize,
+}
+
+/// A segment in one of its cells
+#[derive(Debug)]
+struct Entry {
+    ends: [DVec2; 2],
+    /// How many segments were inserted before
+    order: usize,
+    /// The entry before it in the same cell
+    before: Option<u32>,
 }
 
 impl SegmentIndex {
-    /// An empty index for segments between `low` and `high`, quick for radii up to `radius`
-    pub(crate) fn new(low: DVec2, high: DVec2, radius: f64) -> Self {
+    /// An empty index for about `count` segments between `low` and `high`, quick for radii up to `radius`
+    pub(crate) fn new(low: DVec2, high: DVec2, radius: f64, count: usize) -> Self {
         let size = (high - low).max(DVec2::ZERO);
+        let most = (CELLS_PER_SEGMENT * count as f64).clamp(1.0, MAX_CELLS);
         let cell = radius
-            .max((size.x * size.y / MAX_CELLS).sqrt())
-            .max(size.max_element() / MAX_CELLS)
+            .max((size.x * size.y / most).sqrt())
+            .max(size.max_element() / most)
             .max(f64::MIN_POSITIVE);
         let columns = (size.x / cell) as usize + 1;
         let rows = (size.y / cell) as usize + 1;
@@ -30,7 +47,9 @@ impl SegmentIndex {
             cell,
             columns,
             rows,
-            cells: vec![Vec::new(); columns * rows],
+            last: vec![None; columns * rows],
+            entries: Vec::with_capacity(2 * count),
+            count: 0,
         }
     }
 
@@ -40,22 +59,40 @@ impl SegmentIndex {
         let (x1, y1) = self.cell_of(a.max(b));
         for y in y0..=y1 {
             for x in x0..=x1 {
-                self.cells[y * self.columns + x].push([a, b]);
+                let last = &mut self.last[y * self.columns + x];
+                let before = last.replace(self.entries.len() as u32);
+                self.entries.push(Entry {
+                    ends: [a, b],
+                    order: self.count,
+                    before,
+                });
             }
         }
+        self.count += 1;
     }
 
     /// Whether any segment is closer to `p` than `radius`
     pub(crate) fn any_within(&self, p: DVec2, radius: f64) -> bool {
+        self.within(p, radius).next().is_some()
+    }
+
+    /// The first one inserted of the segments that are closer to `p` than `radius`: how many were inserted before
+    pub(crate) fn first_within(&self, p: DVec2, radius: f64) -> Option<usize> {
+        self.within(p, radius).min()
+    }
+
+    /// The segments closer to `p` than `radius`, some of them several times
+    fn within(&self, p: DVec2, radius: f64) -> impl Iterator<Item = usize> {
         let (x0, y0) = self.cell_of(p - radius);
         let (x1, y1) = self.cell_of(p + radius);
-        (y0..=y1).any(|y| {
-            (x0..=x1).any(|x| {
-                self.cells[y * self.columns + x]
-                    .iter()
-                    .any(|&[a, b]| distance_to_segment(p, a, b) < radius)
+        let cells = (y0..=y1).flat_map(move |y| (x0..=x1).map(move |x| y * self.columns + x));
+        let entry = |index: Option<u32>| index.map(|index| &self.entries[index as usize]);
+        cells
+            .flat_map(move |cell| {
+                std::iter::successors(entry(self.last[cell]), move |e| entry(e.before))
             })
-        })
+            .filter(move |e| distance_to_segment(p, e.ends[0], e.ends[1]) < radius)
+            .map(|e| e.order)
     }
 
     fn cell_of(&self, p: DVec2) -> (usize, usize) {
@@ -93,7 +130,7 @@ mod tests {
         ) {
             let low = DVec2::splat(-5.0);
             let high = DVec2::splat(25.0);
-            let mut index = SegmentIndex::new(low, high, 2.0);
+            let mut index = SegmentIndex::new(low, high, 2.0, segments.len());
             let segments: Vec<[DVec2; 2]> = segments
                 .iter()
                 .map(|s| [DVec2::new(s[0], s[1]), DVec2::new(s[2], s[3])])
@@ -103,8 +140,11 @@ mod tests {
             }
             for (p, radius) in queries {
                 let p = DVec2::from_array(p);
-                let any = segments.iter().any(|&[a, b]| distance_to_segment(p, a, b) < radius);
-                prop_assert_eq!(index.any_within(p, radius), any);
+                let first = segments
+                    .iter()
+                    .position(|&[a, b]| distance_to_segment(p, a, b) < radius);
+                prop_assert_eq!(index.any_within(p, radius), first.is_some());
+                prop_assert_eq!(index.first_within(p, radius), first);
             }
         }
     }

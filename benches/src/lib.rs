@@ -1,0 +1,348 @@
+//! What the benchmarks run on: one rendered person, and what each stage makes of the photos for the next.
+//!
+//! Everything follows from constants, so that two runs measure the same work.
+
+use glam::DVec2;
+use pirouette::avatar::Avatar;
+use pirouette::avatar::mannequin::{MannequinParameters, Sex, mannequin};
+use pirouette::avatar::render::SilhouetteMesh;
+use pirouette::bundle::{Bundle, BundleOptions, BundleView, bundle};
+use pirouette::carve::CarveView;
+use pirouette::geom::contour::{Contour, trace_outline};
+use pirouette::geom::planar_mesh::{PlanarMesh, TriangulateOptions, simplify_apart, triangulate};
+use pirouette::geom::{Grid, Mask};
+use pirouette::normalize::deform::{Handles, handles, trace_silhouette};
+use pirouette::normalize::{
+    ContourSource, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, normalize,
+    shared_skeleton_joints,
+};
+use pirouette::pose::pose_bones;
+use pirouette::segment::{SegmentOptions, SegmentView, Silhouette, segment};
+use pirouette::skeleton::Joint;
+use pirouette::synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
+
+/// Columns and rows of the photos that the stages are timed on
+pub const PHOTO_SIZE_PX: (usize, usize) = (800, 1000);
+
+/// Views that the stages are timed on
+pub const VIEW_COUNT: usize = 8;
+
+/// Tolerance of the simplification of outlines before they are meshed, in px: that of the pipeline
+const TOLERANCE_PX: f64 = 1.0;
+
+/// Distance of the points of an outline that registration compares, in px: that of the pipeline
+const OUTLINE_SPACING_PX: f64 = 2.0;
+
+/// Photographs a person of other build than the reference, swaying in a lived-in room
+///
+/// # Panics
+/// Never: the person is of usual stature and mass.
+pub fn photograph(width_px: usize, height_px: usize, view_count: usize) -> SyntheticScan {
+    let person = mannequin(&MannequinParameters {
+        sex: Sex::Female,
+        stature_mm: Some(1660.0),
+        mass_kg: Some(72.0),
+        ..MannequinParameters::default()
+    })
+    .expect("a usual stature and mass");
+    synthesize(
+        &person,
+        &SyntheticOptions {
+            seed: 1,
+            turns: SyntheticOptions::even_turns(view_count),
+            camera: SyntheticOptions::camera_for(person.stature_mm(), width_px, height_px),
+            sway: 1.0,
+            keypoint_noise_px: 2.5,
+            turn_noise_radians: 0.0,
+            sensor_noise: 2.0,
+            clutter: Clutter::LivedIn,
+            photos: true,
+        },
+    )
+}
+
+/// A scan and what the stages made of it, up to silhouettes aligned as published
+#[derive(Debug)]
+pub struct Stages {
+    /// Photos, keypoints, truth
+    pub synthetic: SyntheticScan,
+    /// The reference figure
+    pub avatar: Avatar,
+    /// One skeleton for all views
+    pub bundle: Bundle,
+    /// Coverage of the figure posed like the person, per view
+    pub priors: Vec<Grid<f32>>,
+    /// The person in each photo
+    pub silhouettes: Vec<Silhouette>,
+    /// The figure in the reference pose, per view
+    pub references: Vec<ReferenceView>,
+    /// Silhouettes after alignment (eq. 1), neither registered nor refined
+    pub aligned: Vec<NormalizedView>,
+}
+
+/// Contours and points inside them, to be triangulated as they are
+#[derive(Debug)]
+pub struct PlanarPoints {
+    /// Closed outlines, holes turning the other way
+    pub contours: Vec<Contour>,
+    /// Points inside, clear of the outlines
+    pub interior: Vec<DVec2>,
+}
+
+/// A mesh with vertices to be moved
+#[derive(Debug)]
+pub struct HeldMesh {
+    /// At rest
+    pub mesh: PlanarMesh,
+    /// Vertices to be moved
+    pub constrained: Vec<u32>,
+    /// Where they go, in px
+    pub targets: Vec<DVec2>,
+}
+
+impl Stages {
+    /// Renders the scan and runs the stages
+    ///
+    /// # Panics
+    /// When a stage fails on the rendered person.
+    pub fn new() -> Self {
+        let synthetic = photograph(PHOTO_SIZE_PX.0, PHOTO_SIZE_PX.1, VIEW_COUNT);
+        let scan = &synthetic.scan;
+        let avatar = mannequin(&MannequinParameters {
+            stature_mm: scan.stature_mm,
+            ..MannequinParameters::default()
+        })
+        .expect("a usual stature");
+        let bundle = find_skeleton(&avatar, &synthetic);
+        let priors = render_priors(&bundle);
+        let silhouettes: Vec<Silhouette> = {
+            let views = segment_views(&synthetic, &priors);
+            segment(&views, &SegmentOptions::default(), &|| false)
+                .into_iter()
+                .map(|found| found.expect("the rendered person is found"))
+                .collect()
+        };
+        let references: Vec<ReferenceView> = bundle
+            .turns
+            .iter()
+            .zip(&bundle.cameras)
+            .map(|(&turn, camera)| ReferenceView::render(&avatar, turn, camera))
+            .collect();
+        let options = NormalizeOptions {
+            register: None,
+            refine: None,
+            ..NormalizeOptions::three_step()
+        };
+        let aligned = (0..silhouettes.len())
+            .map(|view| {
+                let view = normalize_view(&silhouettes, &bundle, &references, view);
+                normalize(&view, &options).expect("the rendered person is normalized")
+            })
+            .collect();
+        Self {
+            synthetic,
+            avatar,
+            bundle,
+            priors,
+            silhouettes,
+            references,
+            aligned,
+        }
+    }
+
+    /// What segmentation takes
+    pub fn segment_views(&self) -> Vec<SegmentView<'_>> {
+        segment_views(&self.synthetic, &self.priors)
+    }
+
+    /// What normalization takes
+    pub fn normalize_view(&self, view: usize) -> NormalizeView<'_> {
+        normalize_view(&self.silhouettes, &self.bundle, &self.references, view)
+    }
+
+    /// Exact silhouettes of the person standing still
+    pub fn still_silhouettes(&self) -> Vec<Grid<f32>> {
+        let masks = self.synthetic.truth.canonical.iter();
+        masks
+            .map(|mask| mask.map(|&inside| f32::from(u8::from(inside))))
+            .collect()
+    }
+
+    /// What carving takes, by the true camera
+    pub fn carve_views<'a>(&self, silhouettes: &'a [Grid<f32>]) -> Vec<CarveView<'a>> {
+        let camera = self.synthetic.truth.camera;
+        let views = self.synthetic.scan.views.iter();
+        silhouettes
+            .iter()
+            .zip(views)
+            .map(|(silhouette, view)| CarveView {
+                silhouette,
+                camera,
+                turn: view.turn,
+            })
+            .collect()
+    }
+
+    /// Evenly spaced points of the aligned outline of a view, as registration takes them
+    pub fn outline_points(&self, view: usize) -> Vec<DVec2> {
+        trace_outline(&self.aligned[view].soft, 0.5)
+            .iter()
+            .flat_map(|contour| contour.resample(OUTLINE_SPACING_PX).points)
+            .collect()
+    }
+
+    /// The outline of a view's silhouette, simplified as for meshing, and its handles
+    pub fn outline_with_handles(&self, view: usize) -> (Vec<Contour>, Handles) {
+        let silhouette = &self.silhouettes[view];
+        let soft = &silhouette.soft;
+        let contours = trace_silhouette(&silhouette.mask, soft, ContourSource::Outline);
+        let spacing = TriangulateOptions::default().spacing_px();
+        let stays = simplify_apart(&contours, TOLERANCE_PX, spacing.unwrap_or(f64::INFINITY));
+        let simple = contours.iter().zip(stays).map(|(contour, stays)| Contour {
+            points: stays.into_iter().map(|i| contour.points[i]).collect(),
+            hole: contour.hole,
+        });
+        let joints = shared_skeleton_joints(
+            &self.bundle.avatar,
+            &self.bundle.poses[view],
+            self.bundle.turns[view],
+            &self.bundle.cameras[view],
+        );
+        let known = |joints: [DVec2; Joint::COUNT]| joints.map(Some);
+        let spread = handles(&known(joints.photo), &known(joints.reference), |_| true);
+        (simple.collect(), spread)
+    }
+
+    /// The mesh of a view's silhouette with its handles
+    ///
+    /// # Panics
+    /// When the silhouette has no inside.
+    pub fn held_mesh(&self, view: usize) -> HeldMesh {
+        let (contours, spread) = self.outline_with_handles(view);
+        let meshed = triangulate(&contours, &spread.sources, &TriangulateOptions::default())
+            .expect("the silhouette has an inside");
+        let mut held: Vec<(u32, DVec2)> = meshed
+            .interior_vertices
+            .iter()
+            .zip(&spread.targets)
+            .filter_map(|(vertex, &target)| Some(((*vertex)?, target)))
+            .collect();
+        // Handles that share a vertex count once.
+        held.sort_by_key(|&(vertex, _)| vertex);
+        held.dedup_by_key(|&mut (vertex, _)| vertex);
+        let (constrained, targets) = held.into_iter().unzip();
+        HeldMesh {
+            mesh: meshed.mesh,
+            constrained,
+            targets,
+        }
+    }
+
+    /// The points of that mesh, to be triangulated again
+    pub fn planar_points(&self, view: usize) -> PlanarPoints {
+        let mesh = self.held_mesh(view).mesh;
+        let mut next: Vec<Option<u32>> = vec![None; mesh.positions.len()];
+        for [from, to] in mesh.boundary_edges() {
+            next[from as usize] = Some(to);
+        }
+        let interior = (mesh.positions.iter().zip(&next))
+            .filter(|(_, next)| next.is_none())
+            .map(|(&point, _)| point)
+            .collect();
+        let mut contours = Vec::new();
+        for start in 0..next.len() {
+            let mut points = Vec::new();
+            let mut at = start;
+            while let Some(to) = next[at].take() {
+                points.push(mesh.positions[at]);
+                at = to as usize;
+            }
+            if !points.is_empty() {
+                let mut contour = Contour {
+                    points,
+                    hole: false,
+                };
+                contour.hole = contour.signed_area() < 0.0;
+                contours.push(contour);
+            }
+        }
+        PlanarPoints { contours, interior }
+    }
+
+    /// Where the person is, as found
+    pub fn masks(&self) -> impl Iterator<Item = &Mask> {
+        self.silhouettes.iter().map(|found| &found.mask)
+    }
+}
+
+impl Default for Stages {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The skeleton of all views
+///
+/// # Panics
+/// When the keypoints of the rendered person do not do.
+pub fn find_skeleton(avatar: &Avatar, synthetic: &SyntheticScan) -> Bundle {
+    let scan = &synthetic.scan;
+    let views: Vec<BundleView> = scan
+        .views
+        .iter()
+        .map(|view| BundleView {
+            turn: view.turn,
+            keypoints: view.keypoints,
+            width_px: view.photo.width(),
+            height_px: view.photo.height(),
+        })
+        .collect();
+    let options = BundleOptions::default();
+    bundle(avatar, &views, &scan.camera, scan.stature_mm, &options).expect("a skeleton")
+}
+
+fn render_priors(bundle: &Bundle) -> Vec<Grid<f32>> {
+    let avatar = &bundle.avatar;
+    let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
+    (0..bundle.poses.len())
+        .map(|view| {
+            let posed = pose_bones(&avatar.bone_heads, &bundle.poses[view], bundle.turns[view]);
+            let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+            mesh.silhouette(&positions, &bundle.cameras[view])
+        })
+        .collect()
+}
+
+fn segment_views<'a>(
+    synthetic: &'a SyntheticScan,
+    priors: &'a [Grid<f32>],
+) -> Vec<SegmentView<'a>> {
+    synthetic
+        .scan
+        .views
+        .iter()
+        .zip(priors)
+        .map(|(view, prior)| SegmentView {
+            photo: &view.photo,
+            keypoints: &view.keypoints,
+            prior: Some(prior),
+            mask: None,
+        })
+        .collect()
+}
+
+fn normalize_view<'a>(
+    silhouettes: &'a [Silhouette],
+    bundle: &'a Bundle,
+    references: &'a [ReferenceView],
+    view: usize,
+) -> NormalizeView<'a> {
+    NormalizeView {
+        mask: &silhouettes[view].mask,
+        soft: &silhouettes[view].soft,
+        keypoints: &bundle.keypoints[view],
+        skeleton: None,
+        outline: None,
+        reference: &references[view],
+    }
+}
