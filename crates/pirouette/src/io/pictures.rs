@@ -57,16 +57,20 @@ fn reference<'a>(report: &'a Report, bundle: &'a Bundle) -> &'a Avatar {
 /// A fitted body has the colors of the photos and the pose of the view, a carved one stands in the reference pose.
 pub(super) fn draw_contact_sheet(loaded: &LoadedScan, report: &Report) -> Photo {
     let colors = report.colors.as_ref().map(SurfaceColors::to_linear);
+    let bundle = report.bundle.as_ref();
+    let reference = bundle.map(|bundle| {
+        let mesh = &reference(report, bundle).mesh;
+        (mesh, render::SilhouetteMesh::new(&mesh.triangles))
+    });
     let drawn: Vec<_> = report
         .views
         .par_iter()
         .enumerate()
         .map(|(place, found)| {
-            let bundle = report.bundle.as_ref();
             let seen = bundle.map(|b| (b.cameras[found.index], b.turns[found.index]));
-            let reference = bundle.zip(seen).map(|(bundle, (camera, turn))| {
-                let mesh = &reference(report, bundle).mesh;
-                render::silhouette(&turned(&mesh.positions, turn), &mesh.triangles, &camera)
+            let reference = reference.as_ref().zip(seen);
+            let reference = reference.map(|((mesh, edges), (camera, turn))| {
+                edges.silhouette(&turned(&mesh.positions, turn), &camera)
             });
             let camera = seen.map(|(camera, turn)| (small(&camera, BODY_SCALE), turn));
             // A fitted body can stand as in the photo, to be held against it.
