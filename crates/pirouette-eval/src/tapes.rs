@@ -47,7 +47,7 @@ impl Default for TapesOptions {
     fn default() -> Self {
         Self {
             people: 60,
-            view_people: 40,
+            view_people: 30,
             photo_people: 60,
             repeated: 20,
             views: vec![7, 8, 9, 12, 16, 36],

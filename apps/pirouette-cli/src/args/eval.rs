@@ -94,7 +94,7 @@ pub struct EvalBodiesArgs {
 /// Arguments of `eval tapes`
 #[derive(Debug, Args)]
 pub struct EvalTapesArgs {
-    /// People, both from photos and by exact silhouettes; 40 of them at other numbers of views [default: 60, with --quick 4 and 2]
+    /// People, both from photos and by exact silhouettes; 30 of them at other numbers of views [default: 60, with --quick 4 and 2]
     #[arg(long, value_name = "N")]
     pub people: Option<usize>,
 
@@ -110,7 +110,7 @@ pub struct EvalTapesArgs {
     #[arg(short, long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 
-    /// A look of a minute instead of the whole study of half an hour
+    /// A look of a minute instead of the whole study of a quarter of an hour
     #[arg(long)]
     pub quick: bool,
 }

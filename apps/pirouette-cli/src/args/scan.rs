@@ -154,7 +154,7 @@ and without `views` the photos are taken in the order of their names:
 
 Without the height, the scale may come from the size of a pixel at the turning axis (`mm_per_px`) or from a bank card in a
 photo (`--scale card`); without any, lengths are in units of the height. With sex and mass, statistics of a survey support
-the measures: details tell what came from pixels and what from them.
+the measures: details tell what came from pixels and what from them. The age is only written down with the results.
 
 Examples:
   pirouette scan photos/anna

@@ -19,7 +19,7 @@ pub(super) struct Figure<'a> {
 }
 
 /// Tapes that lie otherwise when arms are stretched out level
-fn moves_with_arms(girth: Girth) -> bool {
+pub(super) fn moves_with_arms(girth: Girth) -> bool {
     matches!(girth, Girth::Neck | Girth::Bust | Girth::Underbust)
 }
 

@@ -50,16 +50,16 @@ pub(super) fn stature(input: &MeasureInput) -> Measured {
 /// So large that 68 % of the errors of random people lie within.
 fn own_sd(measure: Measure) -> [f64; 2] {
     match measure {
-        Measure::ShoulderWidth => [15.0, 15.5],
-        Measure::BackLength | Measure::NapeToWaist => [8.3, 8.3],
-        Measure::CrotchHeight => [5.2, 5.0],
-        Measure::BustHeight => [7.7, 7.0],
-        Measure::WaistHeight => [3.3, 3.2],
-        Measure::HipHeight => [4.2, 4.2],
-        Measure::FootLength => [10.0, 1.4],
-        Measure::Rise => [9.7, 9.0],
-        Measure::ArmLength => [4.6, 4.6],
-        Measure::ShoulderToWrist => [4.0, 4.2],
+        Measure::ShoulderWidth => [7.9, 8.3],
+        Measure::BackLength | Measure::NapeToWaist => [5.5, 4.8],
+        Measure::CrotchHeight => [4.1, 3.7],
+        Measure::BustHeight => [4.2, 3.8],
+        Measure::WaistHeight => [2.5, 2.0],
+        Measure::HipHeight => [3.0, 3.1],
+        Measure::FootLength => [2.4, 1.9],
+        Measure::Rise => [5.0, 5.5],
+        Measure::ArmLength => [4.8, 5.3],
+        Measure::ShoulderToWrist => [4.5, 4.5],
         _ => [8.0, 8.0],
     }
 }

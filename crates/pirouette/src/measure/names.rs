@@ -94,7 +94,7 @@ measures! {
     CalfGirth, "calf_girth", "level, where the lower leg is thickest", [LeftCalf, RightCalf];
     AnkleGirth, "ankle_girth", "level, where the lower leg is thinnest above the ankle joint", [LeftAnkle, RightAnkle];
     UpperArmGirth, "upper_arm_girth", "across the arm, 55 % of the way from shoulder to elbow joint", [LeftUpperArm, RightUpperArm];
-    WristGirth, "wrist_girth", "across the forearm, at the wrist joint", [LeftWrist, RightWrist];
+    WristGirth, "wrist_girth", "across the forearm, where it is thinnest right above the wrist joint", [LeftWrist, RightWrist];
     ShoulderWidth, "shoulder_width", "from acromion over the nape to acromion, along the back", [];
     ArmLength, "arm_length", "from the shoulder joint over the elbow to the wrist joint", [];
     BackLength, "back_length", "from the nape to the waist, straight over the hollow of the back", [];
