@@ -1,6 +1,7 @@
 //! Tape measures of random people: how far each is off, by the number of views, and how honest its deviation is.
 
 mod page;
+mod views;
 
 use std::fmt::Write;
 
@@ -13,7 +14,8 @@ use serde_json::{Value, json};
 use crate::people::Person;
 use crate::table::{Cell, Spread, Table, mean, percentile};
 use crate::{StudyError, Tell, do_all};
-use page::{errors_svg, page, views_svg};
+use page::{errors_svg, page};
+use views::{recommendation, trunk_table, views_svg, views_table};
 
 /// Standard deviation of the statures that people state, in mm
 const STATED_STATURE_SD_MM: f64 = 5.0;
@@ -45,7 +47,7 @@ impl Default for TapesOptions {
     fn default() -> Self {
         Self {
             people: 60,
-            view_people: 12,
+            view_people: 30,
             photo_people: 60,
             repeated: 20,
             views: vec![7, 8, 9, 12, 16, 36],
@@ -305,6 +307,7 @@ fn write_study(options: &TapesOptions, scanned: &[Scanned]) -> TapesStudy {
         errors_table("from exact silhouettes, 8 views", scanned, masks),
         estimates_table(scanned, photos),
         views_table(options, scanned),
+        trunk_table(options, scanned),
     ];
     let mut study = TapesStudy {
         people: scanned.iter().map(person_value).collect(),
@@ -413,63 +416,6 @@ fn correlation(pairs: &[(f64, f64)]) -> Option<f64> {
         .map(|(x, y)| (x - a.mean) * (y - b.mean))
         .collect();
     Some(mean(&products)? / (a.sd * b.sd)).filter(|c| c.is_finite())
-}
-
-/// Measures in the table by number of views
-const BY_VIEWS: [Measure; 9] = [
-    Measure::NeckGirth,
-    Measure::BustGirth,
-    Measure::WaistGirth,
-    Measure::HipGirth,
-    Measure::ThighGirth,
-    Measure::CalfGirth,
-    Measure::UpperArmGirth,
-    Measure::WristGirth,
-    Measure::CrotchHeight,
-];
-
-fn at_views(views: usize) -> Condition {
-    Condition {
-        views,
-        photos: false,
-        again: 0,
-    }
-}
-
-/// Mean absolute error over the people for whom numbers of views are compared
-fn mae(
-    options: &TapesOptions,
-    scanned: &[Scanned],
-    condition: Condition,
-    measure: Measure,
-) -> Option<f64> {
-    let place = Measure::ALL.iter().position(|&m| m == measure)?;
-    let end = options.first_seed + options.view_people as u64;
-    let people = scanned
-        .iter()
-        .filter(|s| s.condition == condition && s.person.seed < end);
-    let errors = people.filter_map(|s| Some(s.found[place]?.error_mm().abs()));
-    mean(&errors.collect::<Vec<_>>())
-}
-
-fn views_table(options: &TapesOptions, scanned: &[Scanned]) -> Table {
-    let names: Vec<String> = BY_VIEWS
-        .iter()
-        .map(|m| m.name().replace('_', " "))
-        .collect();
-    let mut columns = vec!["views"];
-    columns.extend(names.iter().map(String::as_str));
-    let mut table = Table::new(
-        "mean absolute error by number of views, exact silhouettes, the same people",
-        &columns,
-    );
-    for &views in &options.views {
-        let mut row = vec![Cell::Number(views as f64, 0)];
-        let of = |m: &Measure| Cell::number(mae(options, scanned, at_views(views), *m), 1);
-        row.extend(BY_VIEWS.iter().map(of));
-        table.rows.push(row);
-    }
-    table
 }
 
 fn person_value(scanned: &Scanned) -> Value {

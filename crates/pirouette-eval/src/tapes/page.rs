@@ -55,42 +55,6 @@ fn markdown(table: &Table) -> String {
     text
 }
 
-/// Which number of views to take, by the girths of the trunk
-fn recommendation(options: &TapesOptions, scanned: &[Scanned]) -> String {
-    const TRUNK: [Measure; 3] = [Measure::BustGirth, Measure::WaistGirth, Measure::HipGirth];
-    let trunk = |views: usize| {
-        let errors: Vec<f64> = TRUNK
-            .iter()
-            .filter_map(|&m| mae(options, scanned, at_views(views), m))
-            .collect();
-        mean(&errors)
-    };
-    let mut text =
-        String::from("## How many photos\n\nMean absolute error of bust, waist and hip: ");
-    let parts: Vec<String> = options
-        .views
-        .iter()
-        .filter_map(|&v| Some(format!("{v} views {:.1} mm", trunk(v)?)))
-        .collect();
-    let _ = write!(text, "{}. ", parts.join(", "));
-    // More photos than this are not worth the while: what is gained is less than a tenth.
-    let enough = options.views.iter().copied().find(|&v| {
-        let more = options.views.iter().filter(|&&w| w > v);
-        let best = more.filter_map(|&w| trunk(w)).fold(f64::INFINITY, f64::min);
-        trunk(v).is_some_and(|here| here <= 1.1 * best)
-    });
-    if let Some(enough) = enough {
-        let _ = write!(
-            text,
-            "From {enough} on, more photos gain less than a tenth. "
-        );
-    }
-    text.push_str(
-        "Odd numbers see twice as many directions as even ones: opposite photos of an even turn show nearly the same outline.\n",
-    );
-    text
-}
-
 /// A strip per girth: every person's error as a dot, bias and spread
 pub(super) fn errors_svg(scanned: &[Scanned], condition: Condition) -> String {
     let girths: Vec<Measure> = Measure::ALL
@@ -142,75 +106,7 @@ pub(super) fn errors_svg(scanned: &[Scanned], condition: Condition) -> String {
     svg
 }
 
-/// Mean absolute errors of the trunk's girths over the number of views
-pub(super) fn views_svg(options: &TapesOptions, scanned: &[Scanned]) -> String {
-    const LINES: [(Measure, &str); 4] = [
-        (Measure::BustGirth, "#c33"),
-        (Measure::WaistGirth, "#1f6fb2"),
-        (Measure::HipGirth, "#2a8a3a"),
-        (Measure::ThighGirth, "#b27a1f"),
-    ];
-    let (left, top, width, height, most) = (50.0, 15.0, 480.0, 220.0, 20.0);
-    let count = options.views.len().max(2) as f64 - 1.0;
-    let x = |i: usize| left + width * i as f64 / count;
-    let y = |mm: f64| top + height * (1.0 - mm.clamp(0.0, most) / most);
-    let mut svg = svg_open(left + width + 130.0, top + height + 45.0);
-    for tick in [0.0, 5.0, 10.0, 15.0, 20.0] {
-        let at = y(tick);
-        let _ = writeln!(
-            svg,
-            "<line x1=\"{left}\" y1=\"{at}\" x2=\"{}\" y2=\"{at}\" stroke=\"#ccc\"/><text x=\"{}\" y=\"{}\" \
-             text-anchor=\"end\">{tick}</text>",
-            left + width,
-            left - 6.0,
-            at + 4.0
-        );
-    }
-    for (i, views) in options.views.iter().enumerate() {
-        let _ = writeln!(
-            svg,
-            "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{views}</text>",
-            x(i),
-            top + height + 18.0
-        );
-    }
-    let _ = writeln!(
-        svg,
-        "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">views; mean absolute error in mm</text>",
-        left + width / 2.0,
-        top + height + 38.0
-    );
-    for (measure, color) in LINES {
-        let points: Vec<(f64, f64)> = options
-            .views
-            .iter()
-            .enumerate()
-            .filter_map(|(i, &v)| Some((x(i), y(mae(options, scanned, at_views(v), measure)?))))
-            .collect();
-        let path: Vec<String> = points
-            .iter()
-            .map(|p| format!("{:.1},{:.1}", p.0, p.1))
-            .collect();
-        let _ = writeln!(
-            svg,
-            "<polyline points=\"{}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"2\"/>",
-            path.join(" ")
-        );
-        if let Some((x, y)) = points.last() {
-            let _ = writeln!(
-                svg,
-                "<text x=\"{:.1}\" y=\"{:.1}\" fill=\"{color}\">{}</text>",
-                x + 6.0,
-                y + 4.0,
-                measure.name().replace('_', " ")
-            );
-        }
-    }
-    svg.push_str("</svg>\n");
-    svg
-}
-
-fn svg_open(width: f64, height: f64) -> String {
+pub(super) fn svg_open(width: f64, height: f64) -> String {
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
          font-family=\"sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"

@@ -6,27 +6,48 @@ use super::lengths;
 use super::tape::Tape;
 use super::{Girth, Landmark, Measure};
 use crate::avatar::Avatar;
-use crate::avatar::landmarks::find_sections;
+use crate::avatar::landmarks::{find_sections, with_lowered_arms};
 
 /// A figure with its tapes and landmarks
 pub(super) struct Figure<'a> {
-    pub(super) avatar: &'a Avatar,
+    avatar: &'a Avatar,
+    /// The same in A-pose, where it is not
+    lowered: Option<Avatar>,
     tapes: Vec<(Girth, Tape)>,
-    landmarks: Vec<(Landmark, u32)>,
+    /// Points of the surface with arms lowered
+    landmarks: Vec<(Landmark, DVec3)>,
+}
+
+/// Tapes that lie otherwise when arms are stretched out level
+pub(super) fn moves_with_arms(girth: Girth) -> bool {
+    matches!(girth, Girth::Neck | Girth::Bust | Girth::Underbust)
 }
 
 impl<'a> Figure<'a> {
     pub(super) fn new(avatar: &'a Avatar) -> Self {
-        let (sections, landmarks) = find_sections(avatar);
+        let lowered = with_lowered_arms(avatar);
+        let (mut sections, mut landmarks) = find_sections(avatar);
+        if let Some(lowered) = &lowered {
+            let (of_lowered, points) = find_sections(lowered);
+            sections.retain(|s| !moves_with_arms(s.girth));
+            sections.extend(of_lowered.into_iter().filter(|s| moves_with_arms(s.girth)));
+            landmarks = points;
+        }
         let tape = |section| Tape::of_section(section, avatar);
         Self {
-            avatar,
             tapes: sections
                 .iter()
                 .filter_map(|s| Some((s.girth, tape(s)?)))
                 .collect(),
+            avatar,
+            lowered,
             landmarks,
         }
+    }
+
+    /// The figure in A-pose, on which lengths are taken
+    pub(super) fn hanging(&self) -> &Avatar {
+        self.lowered.as_ref().unwrap_or(self.avatar)
     }
 
     pub(super) fn tape(&self, girth: Girth) -> Option<&Tape> {
@@ -41,8 +62,8 @@ impl<'a> Figure<'a> {
     }
 
     pub(super) fn landmark(&self, landmark: Landmark) -> Option<DVec3> {
-        let (_, vertex) = self.landmarks.iter().find(|(l, _)| *l == landmark)?;
-        self.avatar.mesh.positions.get(*vertex as usize).copied()
+        let entry = self.landmarks.iter().find(|(l, _)| *l == landmark);
+        entry.map(|(_, point)| *point)
     }
 }
 

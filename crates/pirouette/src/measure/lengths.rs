@@ -50,16 +50,16 @@ pub(super) fn stature(input: &MeasureInput) -> Measured {
 /// So large that 68 % of the errors of random people lie within.
 fn own_sd(measure: Measure) -> [f64; 2] {
     match measure {
-        Measure::ShoulderWidth => [15.0, 15.5],
-        Measure::BackLength | Measure::NapeToWaist => [8.3, 8.3],
-        Measure::CrotchHeight => [5.2, 5.0],
-        Measure::BustHeight => [7.7, 7.0],
-        Measure::WaistHeight => [3.3, 3.2],
-        Measure::HipHeight => [4.2, 4.2],
-        Measure::FootLength => [10.0, 1.4],
-        Measure::Rise => [9.7, 9.0],
-        Measure::ArmLength => [4.6, 4.6],
-        Measure::ShoulderToWrist => [4.0, 4.2],
+        Measure::ShoulderWidth => [7.9, 8.3],
+        Measure::BackLength | Measure::NapeToWaist => [5.5, 4.8],
+        Measure::CrotchHeight => [4.1, 3.7],
+        Measure::BustHeight => [4.2, 3.8],
+        Measure::WaistHeight => [2.5, 2.0],
+        Measure::HipHeight => [3.0, 3.1],
+        Measure::FootLength => [2.4, 1.9],
+        Measure::Rise => [5.0, 5.5],
+        Measure::ArmLength => [4.8, 5.3],
+        Measure::ShoulderToWrist => [4.5, 4.5],
         _ => [8.0, 8.0],
     }
 }
@@ -106,14 +106,18 @@ pub(super) fn of_figure(figure: &Figure, measure: Measure) -> Option<Vec<f64>> {
     }
 }
 
-/// From acromion to acromion over the nape, along the back
+/// From acromion to acromion over the nape, a taut tape over the back
 fn shoulder_width(figure: &Figure) -> Option<f64> {
-    let [left, right] =
-        [Landmark::LeftAcromion, Landmark::RightAcromion].map(|l| figure.landmark(l));
-    let (left, right) = (left?, right?);
     let nape = figure.landmark(Landmark::Nape)?;
+    let sides = [Landmark::LeftAcromion, Landmark::RightAcromion].map(|l| figure.landmark(l));
+    let [left, right] = [sides[0]?, sides[1]?];
     let normal = (left - nape).cross(right - nape);
-    Some(path_length(figure, &[left, nape, right], normal))
+    // Outward is upward and backward, where the tape lies on the skin.
+    let outward = DVec3::Y - DVec3::Z;
+    let half = |end: DVec3| {
+        taut_below(figure, nape, end, normal, outward).unwrap_or_else(|| nape.distance(end))
+    };
+    Some(half(left) + half(right))
 }
 
 /// From the nape down the middle of the back to the waist: along the skin, or taut
@@ -142,7 +146,7 @@ fn taut_below(
     normal: DVec3,
     outward: DVec3,
 ) -> Option<f64> {
-    let loops = plane_section(&figure.avatar.mesh, from, normal);
+    let loops = plane_section(&figure.hanging().mesh, from, normal);
     let along = (to - from).try_normalize()?;
     let side = (outward - along * outward.dot(along)).try_normalize()?;
     let length = (to - from).length();
@@ -169,7 +173,7 @@ fn taut_below(
 /// From the shoulder joint over the elbow to the wrist joint
 fn arm_length(figure: &Figure) -> Vec<f64> {
     let length = |bones: [Bone; 3]| {
-        let [shoulder, elbow, wrist] = bones.map(|b| figure.avatar.bone_heads[b as usize]);
+        let [shoulder, elbow, wrist] = bones.map(|b| figure.hanging().bone_heads[b as usize]);
         shoulder.distance(elbow) + elbow.distance(wrist)
     };
     vec![
@@ -194,7 +198,7 @@ fn shoulder_to_wrist(figure: &Figure) -> Option<Vec<f64>> {
     ]
     .into_iter()
     .map(|(acromion, elbow, wrist)| {
-        let elbow = figure.avatar.bone_heads[elbow as usize];
+        let elbow = figure.hanging().bone_heads[elbow as usize];
         let (acromion, wrist) = (figure.landmark(acromion)?, figure.landmark(wrist)?);
         Some(acromion.distance(elbow) + elbow.distance(wrist))
     })
@@ -203,7 +207,7 @@ fn shoulder_to_wrist(figure: &Figure) -> Option<Vec<f64>> {
 
 /// Extent of each foot along the line from the heel to the toes
 fn foot_length(figure: &Figure) -> Option<Vec<f64>> {
-    let avatar = figure.avatar;
+    let avatar = figure.hanging();
     [Bone::LeftFoot, Bone::RightFoot]
         .into_iter()
         .map(|foot| {
@@ -246,22 +250,30 @@ fn path_length(figure: &Figure, points: &[DVec3], normal: DVec3) -> f64 {
 fn section_way(figure: &Figure, from: DVec3, to: DVec3, normal: DVec3) -> Option<f64> {
     // Landmarks lie on the surface; a section that passes this far from one is another part's.
     const NEAR_MM: f64 = 15.0;
-    plane_section(&figure.avatar.mesh, from, normal)
+    plane_section(&figure.hanging().mesh, from, normal)
         .iter()
         .filter_map(|points| {
-            let nearest = |target: DVec3| {
-                let distance = |i: &usize| points[*i].distance(target);
-                let best = (0..points.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
-                (points[best].distance(target) < NEAR_MM).then_some(best)
-            };
-            let (a, b) = (nearest(from)?, nearest(to)?);
-            let way = |start: usize, end: usize| -> f64 {
-                let count = (end + points.len() - start) % points.len();
-                (start..start + count)
-                    .map(|i| points[i % points.len()].distance(points[(i + 1) % points.len()]))
-                    .sum()
-            };
-            Some(way(a, b).min(way(b, a)))
+            let [(a, off_a), (b, off_b)] = [place_along(points, from)?, place_along(points, to)?];
+            let way = (a - b).abs();
+            let sides = points.iter().zip(points.iter().cycle().skip(1));
+            let around: f64 = sides.map(|(p, q)| p.distance(*q)).sum();
+            let near = off_a < NEAR_MM && off_b < NEAR_MM;
+            near.then_some(way.min(around - way))
         })
         .min_by(f64::total_cmp)
+}
+
+/// Where a closed curve passes nearest to a point: the length of the curve up to there, and how near
+fn place_along(points: &[DVec3], target: DVec3) -> Option<(f64, f64)> {
+    let mut before = 0.0;
+    let sides = points.iter().zip(points.iter().cycle().skip(1));
+    let places = sides.map(|(&start, &end)| {
+        let side = end - start;
+        let length = side.length();
+        let share = ((target - start).dot(side) / length.powi(2).max(1e-12)).clamp(0.0, 1.0);
+        let place = before + share * length;
+        before += length;
+        (place, target.distance(start + side * share))
+    });
+    places.min_by(|a, b| a.1.total_cmp(&b.1))
 }

@@ -86,7 +86,7 @@ macro_rules! measures {
 measures! {
     Stature, "stature", "height of the person, floor to crown", [];
     NeckGirth, "neck_girth", "shortest tape around the neck in a plane whose front is lower by 5 degrees", [Neck];
-    BustGirth, "bust_girth", "level, over the most forward points of the chest beside the breast bone, arms left out", [Bust];
+    BustGirth, "bust_girth", "level, below the armpits, over the most forward points of the chest beside the breast bone", [Bust];
     WaistGirth, "waist_girth", "level, at the natural waist: between the navel and the middle of lowest rib and hip bone, where bodies with this crotch height have it", [Waist];
     HipGirth, "hip_girth", "level, over the seat: midway between its rearmost point and where bodies with this crotch height have it", [Hip];
     ThighGirth, "thigh_girth", "level, below the fold of the seat, 3.4 % of the stature below the crotch", [LeftThigh, RightThigh];
@@ -94,7 +94,7 @@ measures! {
     CalfGirth, "calf_girth", "level, where the lower leg is thickest", [LeftCalf, RightCalf];
     AnkleGirth, "ankle_girth", "level, where the lower leg is thinnest above the ankle joint", [LeftAnkle, RightAnkle];
     UpperArmGirth, "upper_arm_girth", "across the arm, 55 % of the way from shoulder to elbow joint", [LeftUpperArm, RightUpperArm];
-    WristGirth, "wrist_girth", "across the forearm, at the wrist joint", [LeftWrist, RightWrist];
+    WristGirth, "wrist_girth", "across the forearm, where it is thinnest right above the wrist joint", [LeftWrist, RightWrist];
     ShoulderWidth, "shoulder_width", "from acromion over the nape to acromion, along the back", [];
     ArmLength, "arm_length", "from the shoulder joint over the elbow to the wrist joint", [];
     BackLength, "back_length", "from the nape to the waist, straight over the hollow of the back", [];
@@ -102,7 +102,7 @@ measures! {
     BustHeight, "bust_height", "floor to the tape of the bust", [];
     WaistHeight, "waist_height", "floor to the tape of the waist", [];
     HipHeight, "hip_height", "floor to the tape of the hip", [];
-    UnderbustGirth, "underbust_girth", "level, in the fold below the breast", [Underbust];
+    UnderbustGirth, "underbust_girth", "level, in the fold below the breast, or where it usually is on chests without one", [Underbust];
     HeadGirth, "head_girth", "level, where the head is largest above the ears, over hair and all", [Head];
     FootLength, "foot_length", "heel to the longest toe, along the foot", [];
     Rise, "rise", "from the waist in front between the legs to the waist behind, a taut tape in the mid plane", [];

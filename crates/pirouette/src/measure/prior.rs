@@ -1,7 +1,7 @@
 //! What a survey says about people of a sex, stature and mass, where the person told these.
 //!
 //! Regressions on ANSUR II (`assets/README.md`) are one more estimate beside that from pixels, which is always told, too.
-//! Age is not in the survey's regressions and changes nothing.
+//! The regressions know no age: it is written down with the results, and changes none.
 
 use super::{Estimate, Measure, MeasureInput, Measured, Method};
 use crate::avatar::mannequin::Sex;

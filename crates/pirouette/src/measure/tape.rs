@@ -19,6 +19,8 @@ pub(super) struct Tape {
     hull: Vec<DVec2>,
     /// The surface that it lies on, for going with poses: vertices of the figure and their weights
     carriers: Vec<(DVec3, SkinWeight)>,
+    /// How much the tape's length changes per mm that it lies elsewhere
+    taper: f64,
 }
 
 impl Tape {
@@ -28,7 +30,11 @@ impl Tape {
             let position = figure.mesh.positions.get(v as usize)?;
             Some((*position, *figure.weights.get(v as usize)?))
         });
-        Self::new(&section.points, section.plane.normal, carriers.collect())
+        let tape = Self::new(&section.points, section.plane.normal, carriers.collect())?;
+        Some(Self {
+            taper: section.taper,
+            ..tape
+        })
     }
 
     /// The tape around points, in the plane through their middle across `normal`
@@ -56,6 +62,7 @@ impl Tape {
             v,
             hull,
             carriers,
+            taper: 0.0,
         })
     }
 
@@ -80,6 +87,11 @@ impl Tape {
     /// Length of the expected tape, in mm
     pub(super) fn girth(&self) -> f64 {
         perimeter(&self.hull)
+    }
+
+    /// How much its length changes per mm that it lies elsewhere
+    pub(super) fn taper(&self) -> f64 {
+        self.taper
     }
 
     /// Convex hull around the center, counter-clockwise in the plane

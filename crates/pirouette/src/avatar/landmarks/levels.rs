@@ -16,23 +16,34 @@ const WAIST_BY_CROTCH: [f64; 2] = [0.520, 0.3662];
 /// Rearmost point of the seat by the crotch, both as shares of the stature (ANSUR II; standard deviation 0.012)
 const SEAT_BY_CROTCH: [f64; 2] = [0.779, 0.1343];
 
-/// Where the bust is sought, as shares of the way from the upper spine's head to the shoulders, and where it is put
-/// on bodies whose chest does not stand out
-const BUST_ZONE: [f64; 2] = [0.2, 0.75];
-const BUST_FALLBACK: f64 = 0.47;
+/// Where the bust is sought, below the armpits, as shares of the stature
+///
+/// In the ANSUR II survey the chest tape lies 0.022 below the armpit on men, 0.042 on women. Higher, and the roots of the arms
+/// add 4 mm of girth per mm; lower, and bellies count as chests.
+const BUST_ZONE: [f64; 2] = [0.05, 0.01];
+
+/// Where armpits are on bodies without arms and on those whose arms were lifted, as a share of the way from the upper spine's head to the shoulders
+const ARMPIT_FALLBACK: f64 = 0.47;
 
 /// The strip beside the breast bone in which no bust point lies, as a share of the stature
 pub(super) const BUST_MIN_X: f64 = 0.015;
 
 /// Profiles of the chest are smoothed over so much to either side, as a share of the stature
-///
-/// Less, and which of two crests of one breast is higher moves the tape by 40 mm.
 const BUST_SMOOTHING: f64 = 0.012;
 
-/// Where the fold below the breast is sought, below the bust points, as shares of the stature, and where it is put on
-/// chests without one
-const UNDERBUST_ZONE: [f64; 2] = [0.02, 0.065];
-const UNDERBUST_FALLBACK: f64 = 0.042;
+/// Points of the chest count as most forward by `exp(-depth behind the foremost / this)`, a share of the stature (2 mm)
+///
+/// The foremost point itself jumps by 40 mm between two crests that are equally high; the middle of all nearly foremost ones
+/// does not. Larger, and the level of a pointed breast leans to the middle of the zone.
+const BUST_SOFTNESS: f64 = 0.001;
+
+/// Where the fold below the breast is sought, below the bust points, as shares of the stature; where it usually is, and the
+/// standard deviation of that
+const UNDERBUST_ZONE: [f64; 2] = [0.065, 0.02];
+const UNDERBUST_USUAL: [f64; 2] = [0.042, 0.012];
+
+/// Like [`BUST_SOFTNESS`], for the depth of the fold: shallow ones count less than where folds usually are
+const UNDERBUST_SOFTNESS: f64 = 0.0005;
 
 /// Where the seat is sought, relative to the hip joints, as shares of the stature
 const SEAT_ZONE: [f64; 2] = [-0.05, 0.045];
@@ -98,47 +109,79 @@ fn crotch(body: &Body<'_>, hips: DVec3) -> DVec3 {
         .unwrap_or(DVec3::new(hips.x, low, hips.z))
 }
 
-/// Height of the most forward points beside the breast bone, mean of both sides
-fn bust(body: &Body<'_>) -> f64 {
-    let shoulders = body.middle_of(Bone::LeftUpperArm, Bone::RightUpperArm);
-    let spine = body.head(Bone::UpperSpine);
-    let chest = |share: f64| spine.y + share * (shoulders.y - spine.y);
-    let [low, high] = BUST_ZONE.map(chest);
-    let heights = body.heights(low, high);
-    let surface = body.trunk.between(low, high);
-    let side_level = |outward: f64| {
-        let beside = |p: DVec3| (p.x - spine.x) * outward > BUST_MIN_X * body.stature;
-        let front = profile(&heights, |y| reach(&surface, y, 1.0, beside));
-        let front = smoothed(&front, BUST_SMOOTHING * body.stature);
-        flat_top(&front, PLATEAU * body.stature)
+/// Height of the armpits: the lowest points where arms part from the trunk, mean of both sides
+fn armpit(body: &Body<'_>) -> f64 {
+    let spine = body.head(Bone::UpperSpine).y;
+    let shoulders = body.middle_of(Bone::LeftUpperArm, Bone::RightUpperArm).y;
+    let lowest = |arm: &[bool]| {
+        let parting = body
+            .surface
+            .edges()
+            .filter(|edge| arm[edge[0] as usize] != arm[edge[1] as usize]);
+        let heights = parting.map(|[a, b]| {
+            (body.mesh.positions[a as usize].y + body.mesh.positions[b as usize].y) / 2.0
+        });
+        heights.reduce(f64::min)
     };
-    match (side_level(1.0), side_level(-1.0)) {
-        (Some(left), Some(right)) => (left + right) / 2.0,
-        (Some(one), None) | (None, Some(one)) => one,
-        (None, None) => chest(BUST_FALLBACK),
+    match [&body.left, &body.right].map(|limbs| lowest(&limbs.arm_vertices)) {
+        // Weights that run far down the trunk are no armpits.
+        [Some(left), Some(right)]
+            if !body.lifted && left.min(right) > spine && left.max(right) < shoulders =>
+        {
+            (left + right) / 2.0
+        }
+        _ => spine + ARMPIT_FALLBACK * (shoulders - spine),
     }
 }
 
-/// Height of the fold below the breast: where the profile lies deepest behind the line from the bust to the ribs
-fn underbust(body: &Body<'_>, bust: f64) -> f64 {
-    /// A fold is deeper than this share of the stature; else it is put where it usually is
-    const LEAST_DEPTH: f64 = 0.0006;
-    let [near, far] = UNDERBUST_ZONE.map(|share| share * body.stature);
-    let surface = body.trunk.between(bust - far, bust);
-    let middle = body.head(Bone::UpperSpine).x;
-    let beside = |p: DVec3| (p.x - middle).abs() > BUST_MIN_X * body.stature;
-    let front = profile(&body.heights(bust - far, bust), |y| {
-        reach(&surface, y, 1.0, beside)
+/// Height of the most forward points beside the breast bone, mean of both sides
+fn bust(body: &Body<'_>) -> f64 {
+    let armpit = armpit(body);
+    let [low, high] = BUST_ZONE.map(|share| armpit - share * body.stature);
+    let reach_mm = BUST_SMOOTHING * body.stature;
+    let sides = [1.0, -1.0].map(|outward| {
+        let front = chest(body, [low - reach_mm, high + reach_mm], outward);
+        let front = smoothed(&front, reach_mm);
+        let zone: Vec<(f64, f64)> = front
+            .into_iter()
+            .filter(|(y, _)| (low..=high).contains(y))
+            .collect();
+        soft_top(&zone, BUST_SOFTNESS * body.stature)
     });
-    let (Some(&(low, low_z)), Some(&(high, high_z))) = (front.first(), front.last()) else {
-        return bust - UNDERBUST_FALLBACK * body.stature;
-    };
-    let depth = |(y, z): (f64, f64)| low_z + (high_z - low_z) * (y - low) / (high - low) - z;
-    let inside = front.iter().filter(|&&(y, _)| y <= bust - near);
-    let deepest = inside.max_by(|a, b| depth(**a).total_cmp(&depth(**b)));
-    match deepest {
-        Some(&fold) if depth(fold) > LEAST_DEPTH * body.stature => fold.0,
-        _ => bust - UNDERBUST_FALLBACK * body.stature,
+    match sides {
+        [Some(left), Some(right)] => (left + right) / 2.0,
+        [one, other] => one.or(other).unwrap_or((low + high) / 2.0),
+    }
+}
+
+/// How far the chest reaches forward beside the breast bone on the left (`outward` 1) or on the right (-1)
+fn chest(body: &Body<'_>, [low, high]: [f64; 2], outward: f64) -> Vec<(f64, f64)> {
+    let middle = body.head(Bone::UpperSpine).x;
+    let beside = |p: DVec3| (p.x - middle) * outward > BUST_MIN_X * body.stature;
+    let surface = body.trunk.between(low, high);
+    profile(&body.heights(low, high), |y| {
+        reach(&surface, y, 1.0, beside)
+    })
+}
+
+/// Height of the fold below the breast: where the profile lies deepest behind the line from the bust to the ribs, mean of both
+/// sides; on chests without one, where it usually is
+fn underbust(body: &Body<'_>, bust: f64) -> f64 {
+    let [far, near] = UNDERBUST_ZONE.map(|share| bust - share * body.stature);
+    let [usual, usual_sd] = UNDERBUST_USUAL.map(|share| share * body.stature);
+    let softness = UNDERBUST_SOFTNESS * body.stature;
+    let sides = [1.0, -1.0].map(|outward| {
+        let front = chest(body, [far, bust], outward);
+        let (&(low, low_z), &(high, high_z)) = (front.first()?, front.last()?);
+        let depth = |y: f64, z: f64| low_z + (high_z - low_z) * (y - low) / (high - low) - z;
+        let unusual = |y: f64| ((y - (bust - usual)) / usual_sd).powi(2) / 2.0;
+        let score = |&(y, z): &(f64, f64)| (y, depth(y, z) - softness * unusual(y));
+        let scores: Vec<(f64, f64)> = front.iter().map(score).filter(|s| s.0 <= near).collect();
+        soft_top(&scores, softness)
+    });
+    match sides {
+        [Some(left), Some(right)] => (left + right) / 2.0,
+        [one, other] => one.or(other).unwrap_or(bust - usual),
     }
 }
 
@@ -178,21 +221,15 @@ fn smoothed(profile: &[(f64, f64)], reach: f64) -> Vec<(f64, f64)> {
     profile.iter().map(|&(y, _)| (y, at(y))).collect()
 }
 
-/// The middle of the flat part around the highest local maximum inside a profile, `None` when it only rises or falls
-fn flat_top(profile: &[(f64, f64)], depth: f64) -> Option<f64> {
-    let inside = (1..profile.len().checked_sub(1)?).filter(|&i| {
-        let [before, here, after] = [i - 1, i, i + 1].map(|i| profile[i].1);
-        before <= here && here >= after
+/// The mean of the heights of a profile, each weighted by `exp(-how far it is below the maximum / softness)`; `None` without any
+fn soft_top(profile: &[(f64, f64)], softness: f64) -> Option<f64> {
+    let top = profile.iter().map(|&(_, value)| value).reduce(f64::max)?;
+    let weighted = profile.iter().map(|&(y, value)| {
+        let weight = ((value - top) / softness).exp();
+        (weight, weight * y)
     });
-    let top = inside.max_by(|&a, &b| profile[a].1.total_cmp(&profile[b].1))?;
-    let flat = |(_, value): &&(f64, f64)| *value >= profile[top].1 - depth;
-    let below = profile[..top].iter().rev().take_while(flat).last();
-    let above = profile[top..].iter().take_while(flat).last();
-    let (low, high) = (
-        below.unwrap_or(&profile[top]),
-        above.unwrap_or(&profile[top]),
-    );
-    Some((low.0 + high.0) / 2.0)
+    let (weights, sum) = weighted.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+    Some(sum / weights).filter(|y| y.is_finite())
 }
 
 /// The middle of the heights at which a profile is within `depth` of its maximum

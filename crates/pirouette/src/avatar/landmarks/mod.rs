@@ -9,6 +9,7 @@
 //! the convex hull of the plane section through them.
 
 mod levels;
+mod points;
 mod slice;
 
 use glam::DVec3;
@@ -19,7 +20,7 @@ use crate::measure::{Girth, Landmark};
 use crate::pose::{Pose, SkinWeight, pose_bones};
 use crate::skeleton::{Bone, Joint};
 use crate::units::TurnAngle;
-use levels::{BUST_MIN_X, Levels, STEP, profile, reach};
+use levels::{Levels, STEP, profile};
 pub use slice::Plane;
 use slice::Slicer;
 
@@ -34,7 +35,12 @@ pub struct Section {
     pub points: Vec<DVec3>,
     /// The vertices next to these points, in order along the tape
     pub vertices: Vec<u32>,
+    /// How much longer the tape would be per mm that its plane lies elsewhere, in either direction
+    pub taper: f64,
 }
+
+/// Tapers are taken over this share of the stature (8 mm) to either side: as far as tapes are misplaced
+const TAPER_REACH: f64 = 0.005;
 
 /// Thigh below the crotch, as a share of the stature: below the fold of the seat
 const THIGH_BELOW_CROTCH: f64 = 0.034;
@@ -45,6 +51,11 @@ const UPPER_ARM_SHARE: f64 = 0.55;
 /// Where the largest calf and the smallest ankle are sought, as shares of the way from ankle to knee
 const CALF_ZONE: [f64; 2] = [0.45, 0.9];
 const ANKLE_ZONE: [f64; 2] = [0.0, 0.4];
+
+/// Where the thinnest wrist is sought, as shares of the way from elbow to wrist joint
+///
+/// At the joint itself girths grow toward the hand by 1 mm per mm, and joints are misplaced by 5 mm.
+const WRIST_ZONE: [f64; 2] = [0.88, 1.0];
 
 /// Where the smallest neck is sought, as shares of the way from the neck's to the head's joint
 const NECK_ZONE: [f64; 2] = [0.0, 0.75];
@@ -62,9 +73,6 @@ const HEAD_ZONE: [f64; 2] = [0.065, 0.03];
 
 /// Radius around the neck's axis, as a share of the stature, that holds the neck but not the shoulders or the chin
 const NECK_REACH: f64 = 0.06;
-
-/// Seventh cervical vertebra above the neck's joint, as a share of the stature
-const NAPE_ABOVE_NECK: f64 = 0.004;
 
 /// Finds tape loops and landmarks of a body in a reference pose
 ///
@@ -84,45 +92,40 @@ pub fn find(
         girth: section.girth,
         vertices: section.vertices,
     });
-    (loops.collect(), body.landmarks(&levels))
+    let landmarks = body.landmarks(&levels).into_iter();
+    let nearest = |(landmark, point)| Some((landmark, body.nearest_vertex(point)?));
+    (loops.collect(), landmarks.filter_map(nearest).collect())
 }
 
-/// The tapes of a figure by the shape that it has now, whatever its own loops say
+/// The tapes of a figure by the shape that it has now, whatever its own loops say, and its landmarks, points of its surface
 ///
-/// Arms that are stretched out level lift the chest: bust and underbust are taken with the arms lowered. `None` for a
-/// girth whose part the surface lacks; landmarks are vertices of the same mesh.
-pub fn find_sections(avatar: &Avatar) -> (Vec<Section>, Vec<(Landmark, u32)>) {
-    let (mesh, weights, heads) = (&avatar.mesh, &avatar.weights, &avatar.bone_heads);
-    let Some(body) = Body::new(mesh, weights, heads) else {
+/// `None` for a girth whose part the surface lacks.
+pub fn find_sections(avatar: &Avatar) -> (Vec<Section>, Vec<(Landmark, DVec3)>) {
+    let Some(mut body) = Body::new(&avatar.mesh, &avatar.weights, &avatar.bone_heads) else {
         return (Vec::new(), Vec::new());
     };
+    body.lifted |= avatar.pose == ReferencePose::T;
     let levels = Levels::find(&body);
-    let mut sections = body.sections(&levels);
-    if avatar.pose == ReferencePose::T {
-        let (lowered, lowered_heads) = lower_arms(avatar);
-        if let Some(body) = Body::new(&lowered, weights, &lowered_heads) {
-            let chest = |s: &Section| matches!(s.girth, Girth::Bust | Girth::Underbust);
-            sections.retain(|s| !chest(s));
-            let levels = Levels::find(&body);
-            sections.extend(body.sections(&levels).into_iter().filter(chest));
-        }
-    }
-    (sections, body.landmarks(&levels))
+    (body.sections(&levels), body.landmarks(&levels))
 }
 
-/// The surface and the bone heads of a figure in T-pose with the arms of an A-pose
-fn lower_arms(avatar: &Avatar) -> (TriMesh, [DVec3; Bone::COUNT]) {
+/// A figure in T-pose with the arms of an A-pose; `None` for a figure in A-pose
+///
+/// Arms that are stretched out level lift chest and shoulders: tapes and landmarks there are taken with the arms lowered.
+pub fn with_lowered_arms(avatar: &Avatar) -> Option<Avatar> {
+    if avatar.pose == ReferencePose::A {
+        return None;
+    }
     let mut pose = Pose::default();
     let angle = ReferencePose::A.arm_angle_degrees() - avatar.pose.arm_angle_degrees();
     let down = DVec3::Z * angle.to_radians();
     pose.rotations[Bone::LeftUpperArm as usize] = -down;
     pose.rotations[Bone::RightUpperArm as usize] = down;
     let posed = pose_bones(&avatar.bone_heads, &pose, TurnAngle::default());
-    let mesh = TriMesh {
-        positions: posed.skin(&avatar.mesh.positions, &avatar.weights),
-        triangles: avatar.mesh.triangles.clone(),
-    };
-    (mesh, std::array::from_fn(|b| posed.head(Bone::ALL[b])))
+    let mut lowered = avatar.clone();
+    lowered.mesh.positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+    lowered.bone_heads = std::array::from_fn(|b| posed.head(Bone::ALL[b]));
+    Some(lowered)
 }
 
 /// A body with its parts told apart
@@ -136,6 +139,8 @@ struct Body<'a> {
     trunk: Slicer<'a>,
     left: Limbs<'a>,
     right: Limbs<'a>,
+    /// Whether arms are, or were, stretched out level: skin of the armpits is lifted
+    lifted: bool,
 }
 
 /// The limbs of one side
@@ -204,7 +209,9 @@ impl<'a> Body<'a> {
             foot: Bone::RightFoot,
             outward: -1.0,
         };
+        let arm = heads[Bone::LeftForearm as usize] - heads[Bone::LeftUpperArm as usize];
         Some(Self {
+            lifted: arm.y.abs() < arm.x.abs() / 2.0,
             mesh,
             trunk: surface.part(&armless),
             surface,
@@ -234,19 +241,12 @@ impl<'a> Body<'a> {
             .collect()
     }
 
-    /// The vertex of a part that is best by a score; `None` for an empty part
-    fn best_vertex(&self, part: &[bool], score: impl Fn(DVec3) -> f64) -> Option<u32> {
-        let vertices = self.mesh.positions.iter().zip(part).enumerate();
-        vertices
-            .filter(|(_, (_, inside))| **inside)
-            .map(|(v, (&p, _))| (v as u32, score(p)))
-            .filter(|(_, score)| score.is_finite())
-            .max_by(|a, b| a.1.total_cmp(&b.1))
-            .map(|(v, _)| v)
-    }
-
-    fn nearest_vertex(&self, part: &[bool], point: DVec3) -> Option<u32> {
-        self.best_vertex(part, |p| -p.distance_squared(point))
+    fn nearest_vertex(&self, point: DVec3) -> Option<u32> {
+        let distances = self.mesh.positions.iter().enumerate();
+        let distances = distances.map(|(v, p)| (v as u32, p.distance_squared(point)));
+        let finite = distances.filter(|(_, distance)| distance.is_finite());
+        let nearest = finite.min_by(|a, b| a.1.total_cmp(&b.1));
+        nearest.map(|(v, _)| v)
     }
 }
 
@@ -256,11 +256,14 @@ impl Body<'_> {
         let mut sections = Vec::new();
         let mut add = |girth: Girth, part: &Slicer<'_>, plane: Plane| {
             if let Some((points, vertices)) = part.tape(plane) {
+                let by = TAPER_REACH * self.stature;
+                let [above, below] = [by, -by].map(|by| part.girth(plane.moved(by)));
                 sections.push(Section {
                     girth,
                     plane,
                     points,
                     vertices,
+                    taper: (above - below).abs() / (2.0 * by),
                 });
             }
         };
@@ -324,11 +327,25 @@ impl Body<'_> {
             ) {
                 add(upper_arm, &limbs.arm, plane);
             }
-            if let Some(plane) = across(self.head(limbs.forearm), self.head(limbs.hand), 1.0) {
+            if let Some(plane) = self.thinnest_wrist(limbs) {
                 add(wrist, &limbs.arm, plane);
             }
         }
         sections
+    }
+
+    /// The plane across the forearm above the wrist joint where it is thinnest
+    fn thinnest_wrist(&self, limbs: &Limbs<'_>) -> Option<Plane> {
+        const STEPS: u32 = 12;
+        let [low, high] = WRIST_ZONE;
+        let (elbow, hand) = (self.head(limbs.forearm), self.head(limbs.hand));
+        let planes = (0..=STEPS).filter_map(|i| {
+            let share = low + (high - low) * f64::from(i) / f64::from(STEPS);
+            let plane = across(elbow, hand, share)?;
+            Some((plane, limbs.arm.girth(plane))).filter(|&(_, girth)| girth > 0.0)
+        });
+        let thinnest = planes.min_by(|a, b| a.1.total_cmp(&b.1));
+        thinnest.map(|(plane, _)| plane)
     }
 
     /// The level plane over the ears around which the head is largest
@@ -373,90 +390,6 @@ impl Body<'_> {
             .min_by(|a, b| a.1.total_cmp(&b.1));
         let plane = thinnest.map_or(across(0.5), |(plane, _)| plane);
         (part, plane)
-    }
-
-    fn landmarks(&self, levels: &Levels) -> Vec<(Landmark, u32)> {
-        let all = vec![true; self.mesh.positions.len()];
-        let trunk = &self.armless;
-        let mut found: Vec<(Landmark, u32)> = Vec::new();
-        let mut add = |landmark: Landmark, vertex: Option<u32>| {
-            found.extend(vertex.map(|v| (landmark, v)));
-        };
-        add(Landmark::Crown, self.best_vertex(&all, |p| p.y));
-        let nape = self.head(Bone::Neck) + DVec3::Y * NAPE_ABOVE_NECK * self.stature;
-        add(Landmark::Nape, self.mid_point(nape.y, -1.0));
-        add(Landmark::WaistFront, self.mid_point(levels.waist, 1.0));
-        add(Landmark::WaistBack, self.mid_point(levels.waist, -1.0));
-        let near = |level: f64| move |y: f64| (y - level).abs();
-        let band = 0.01 * self.stature;
-        let from_seat = near(levels.seat);
-        let seat = self.best_vertex(trunk, |p| {
-            if from_seat(p.y) < band {
-                -p.z
-            } else {
-                f64::NAN
-            }
-        });
-        add(Landmark::Seat, seat);
-        add(Landmark::Crotch, self.nearest_vertex(trunk, levels.crotch));
-        let from_bust = near(levels.bust);
-        for (limbs, bust, acromion, wrist) in [
-            (
-                &self.left,
-                Landmark::LeftBustPoint,
-                Landmark::LeftAcromion,
-                Landmark::LeftWrist,
-            ),
-            (
-                &self.right,
-                Landmark::RightBustPoint,
-                Landmark::RightAcromion,
-                Landmark::RightWrist,
-            ),
-        ] {
-            let middle = self.head(Bone::UpperSpine).x;
-            let point = self.best_vertex(trunk, |p| {
-                let beside = (p.x - middle) * limbs.outward > BUST_MIN_X * self.stature;
-                if beside && from_bust(p.y) < band {
-                    p.z
-                } else {
-                    f64::NAN
-                }
-            });
-            add(bust, point);
-            // straight above the joint
-            let shoulder = self.head(limbs.upper_arm);
-            let acromion_vertex = self.best_vertex(&all, |p| {
-                let beside = DVec3::new(p.x - shoulder.x, 0.0, p.z - shoulder.z).length();
-                if p.y > shoulder.y {
-                    p.y - shoulder.y - 3.0 * beside
-                } else {
-                    f64::NAN
-                }
-            });
-            add(acromion, acromion_vertex);
-            // the outer side of the wrist, which the upper arm's direction points to
-            let (elbow, hand) = (self.head(limbs.forearm), self.head(limbs.hand));
-            if let Some(along) = (hand - elbow).try_normalize() {
-                let out = DVec3::X * limbs.outward + DVec3::Y;
-                let out = (out - along * out.dot(along)).normalize_or(DVec3::Y);
-                let vertex = self.best_vertex(&limbs.arm_vertices, |p| {
-                    let from_joint = p - hand;
-                    from_joint.dot(out) - 3.0 * from_joint.dot(along).abs()
-                });
-                add(wrist, vertex);
-            }
-        }
-        found
-    }
-
-    /// The vertex nearest to where the mid plane meets the front (`forward` 1) or the back (-1) of the trunk
-    fn mid_point(&self, y: f64, forward: f64) -> Option<u32> {
-        let middle = self.middle_of(Bone::LeftThigh, Bone::RightThigh).x;
-        let strip = BUST_MIN_X * self.stature;
-        let surface = self.trunk.between(y, y);
-        let z = reach(&surface, y, forward, |p| (p.x - middle).abs() < strip)? * forward;
-        self.nearest_vertex(&self.armless, DVec3::new(middle, y, z))
     }
 }
 

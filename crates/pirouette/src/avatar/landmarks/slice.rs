@@ -34,6 +34,14 @@ impl Plane {
         }
     }
 
+    /// The parallel plane so far along the normal
+    pub(super) fn moved(self, by_mm: f64) -> Self {
+        Self {
+            origin: self.origin + self.normal * by_mm,
+            ..self
+        }
+    }
+
     fn distance(&self, p: DVec3) -> f64 {
         (p - self.origin).dot(self.normal)
     }
@@ -60,6 +68,11 @@ impl<'a> Slicer<'a> {
             positions: &mesh.positions,
             edges,
         }
+    }
+
+    /// Both ends of each edge
+    pub(super) fn edges(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
+        self.edges.iter().copied()
     }
 
     /// The edges between vertices of a part

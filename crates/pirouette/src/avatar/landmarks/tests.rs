@@ -3,6 +3,7 @@ use std::sync::LazyLock;
 use super::*;
 use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
 use crate::avatar::{Avatar, ReferencePose};
+use crate::measure::measure_figure;
 
 static WOMAN: LazyLock<Avatar> = LazyLock::new(|| {
     let parameters = MannequinParameters {
@@ -69,17 +70,28 @@ fn level_tapes_lie_where_surveys_find_them() {
 fn arm_tapes_lie_square_to_the_bones() {
     let found = find_on(&WOMAN);
     let head = |bone: Bone| WOMAN.bone_heads[bone as usize];
-    for (girth, from, to, share) in [
+    let sections = find_sections(&WOMAN).0;
+    for (girth, from, to, zone) in [
         (
             Girth::LeftUpperArm,
             Bone::LeftUpperArm,
             Bone::LeftForearm,
-            UPPER_ARM_SHARE,
+            [UPPER_ARM_SHARE; 2],
         ),
-        (Girth::RightWrist, Bone::RightForearm, Bone::RightHand, 1.0),
+        (
+            Girth::RightWrist,
+            Bone::RightForearm,
+            Bone::RightHand,
+            WRIST_ZONE,
+        ),
     ] {
         let tape = loop_of(&found, girth);
         let axis = head(to) - head(from);
+        let section = sections.iter().find(|s| s.girth == girth);
+        let plane = section.expect("a section").plane;
+        let share = (plane.origin - head(from)).dot(axis) / axis.length_squared();
+        assert!((zone[0] - 1e-9..=zone[1] + 1e-9).contains(&share));
+        assert!(plane.normal.cross(axis).length() < 1e-6 * axis.length());
         for &v in &tape.vertices {
             let p = WOMAN.mesh.positions[v as usize] - head(from);
             let along = p.dot(axis) / axis.length_squared();
@@ -152,6 +164,80 @@ fn a_larger_copy_has_the_same_loops() {
             tape.girth
         );
     }
+}
+
+#[test]
+fn a_second_crest_that_grows_draws_the_bust_without_a_jump() {
+    let man = mannequin(&MannequinParameters {
+        sex: Sex::Male,
+        stature_mm: Some(1750.0),
+        ..MannequinParameters::default()
+    });
+    let man = man.unwrap();
+    let bust = |avatar: &Avatar| {
+        let (sections, _) = find_sections(avatar);
+        let bust = sections.iter().find(|s| s.girth == Girth::Bust);
+        bust.expect("a bust").plane.origin.y
+    };
+    let plain = bust(&man);
+    // a level ridge across the chest, 30 mm below the plain bust
+    let levels: Vec<f64> = (0..20)
+        .map(|step| {
+            let mut ridged = man.clone();
+            for p in &mut ridged.mesh.positions {
+                let beside = (p.y - (plain - 30.0)) / 15.0;
+                if p.z > 0.0 {
+                    p.z += f64::from(step) * (-beside * beside).exp();
+                }
+            }
+            bust(&ridged)
+        })
+        .collect();
+    for pair in levels.windows(2) {
+        assert!((pair[1] - pair[0]).abs() < 8.0, "{levels:?}");
+    }
+    let moved = plain - levels[19];
+    assert!((15.0..35.0).contains(&moved), "{levels:?}");
+}
+
+#[test]
+fn arms_lowered_from_a_t_pose_have_nearly_the_measures_of_an_a_pose() {
+    let parameters = |pose| MannequinParameters {
+        sex: Sex::Female,
+        stature_mm: Some(1700.0),
+        pose,
+        ..MannequinParameters::default()
+    };
+    let measures = |pose| measure_figure(&mannequin(&parameters(pose)).unwrap());
+    let (a, t) = (measures(ReferencePose::A), measures(ReferencePose::T));
+    for ((measure, a), (_, t)) in a.iter().zip(&t) {
+        assert!((t / a - 1.0).abs() < 0.035, "{measure:?}: {a:.1} {t:.1}");
+    }
+}
+
+#[test]
+fn wrists_are_taken_where_they_are_thinnest() {
+    let (sections, _) = find_sections(&WOMAN);
+    let wrist = sections.iter().find(|s| s.girth == Girth::LeftWrist);
+    let wrist = wrist.expect("a wrist");
+    let body = Body::new(&WOMAN.mesh, &WOMAN.weights, &WOMAN.bone_heads).unwrap();
+    let girth = |by: f64| body.left.arm.girth(wrist.plane.moved(by));
+    assert!(girth(0.0) < girth(12.0) && girth(0.0) < girth(-25.0));
+}
+
+#[test]
+fn a_taper_tells_what_a_misplaced_tape_would_measure() {
+    let (sections, _) = find_sections(&WOMAN);
+    let of = |girth| {
+        let section = sections.iter().find(|s| s.girth == girth);
+        section.expect("a section")
+    };
+    let thigh = of(Girth::LeftThigh);
+    let body = Body::new(&WOMAN.mesh, &WOMAN.weights, &WOMAN.bone_heads).unwrap();
+    let girth = |by: f64| body.left.leg.girth(thigh.plane.moved(by));
+    let expected = (girth(4.0) - girth(-4.0)).abs() / 8.0;
+    assert!((thigh.taper - expected).abs() < 0.2 * expected);
+    assert!(of(Girth::LeftCalf).taper < 0.2 * thigh.taper);
 }
 
 #[test]

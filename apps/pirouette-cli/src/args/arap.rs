@@ -1,0 +1,31 @@
+//! Arguments of `arap`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+/// Arguments of `arap`
+#[derive(Debug, Args)]
+pub struct ArapArgs {
+    /// Planar triangle mesh; z is ignored
+    #[arg(long, value_name = "IN.off")]
+    pub mesh: PathBuf,
+
+    /// Points of the mesh to move: rows of x,y, a header line is fine
+    #[arg(long, value_name = "SRC.csv")]
+    pub source: PathBuf,
+
+    /// Where they go, row by row
+    #[arg(long, value_name = "DST.csv")]
+    pub target: PathBuf,
+
+    /// The deformed mesh
+    #[arg(short, long, value_name = "OUT.off")]
+    pub out: PathBuf,
+}
+
+pub const ARAP_HELP: &str = "\
+Each source point takes the nearest vertex along to its target; the rest follows as rigidly as possible.
+
+Examples:
+  pirouette arap --mesh square.off --source from.csv --target to.csv -o deformed.off";

@@ -1,0 +1,54 @@
+//! Arguments of `demo`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{MethodArgs, Pose, Sex};
+
+/// Arguments of `demo`
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Result folder; the rendered photos go to its `scan` folder
+    #[arg(short, long, value_name = "OUT", default_value = "pirouette-demo")]
+    pub out: PathBuf,
+
+    /// Other seeds give other clothes, rooms, sway and noise
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub seed: u64,
+
+    /// Photos over one turn
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    pub views: usize,
+
+    /// The rendered person
+    #[arg(long, value_enum, default_value_t = Sex::Female)]
+    pub sex: Sex,
+
+    /// Height, in mm
+    #[arg(long, value_name = "MM", default_value_t = 1660.0)]
+    pub stature: f64,
+
+    /// Body mass, in kg
+    #[arg(long, value_name = "KG", default_value_t = 72.0)]
+    pub mass: f64,
+
+    /// How the person stands
+    #[arg(long, value_enum, default_value_t = Pose::A)]
+    pub pose: Pose,
+
+    /// Write report.html too: all results on one page that needs no other file
+    #[arg(long)]
+    pub report: bool,
+
+    #[command(flatten)]
+    pub method: MethodArgs,
+}
+
+pub const DEMO_HELP: &str = "\
+Writes the photos, keypoints and the truth to OUT/scan and the results beside them.
+
+Examples:
+  pirouette demo
+  pirouette demo --sex male --stature 1810 --mass 95 --seed 7 -o big
+  pirouette demo --pose t --views 12 --method three-step";
