@@ -19,7 +19,8 @@ use glam::DVec3;
 use pirouette_geom::{Grid, TriMesh};
 use rayon::prelude::*;
 
-use crate::avatar::{Avatar, render};
+use crate::avatar::Avatar;
+use crate::avatar::render::SilhouetteMesh;
 use crate::camera::Camera;
 use crate::pose::{Pose, pose_bones};
 use crate::scan::{StatureFrom, Subject};
@@ -77,10 +78,11 @@ impl MeasureInput<'_> {
 /// Never fails as a whole: what cannot be had is missing with its reason.
 pub fn measure(input: &MeasureInput) -> Measurements {
     let avatar = input.avatar;
+    let edges = SilhouetteMesh::new(&avatar.mesh.triangles);
     let views: Vec<SeenView> = input
         .views
         .par_iter()
-        .filter_map(|view| see(avatar, view))
+        .filter_map(|view| see(avatar, &edges, view))
         .collect();
     let figure = Figure::new(avatar);
     let scale_sd = lengths::scale_sd(input);
@@ -107,10 +109,10 @@ pub fn measure(input: &MeasureInput) -> Measurements {
 }
 
 /// A view with the figure as it should show it; `None` for an empty silhouette
-fn see(avatar: &Avatar, view: &MeasureView) -> Option<SeenView> {
+fn see(avatar: &Avatar, edges: &SilhouetteMesh, view: &MeasureView) -> Option<SeenView> {
     let posed = pose_bones(&avatar.bone_heads, &view.pose, view.turn);
     let positions: Vec<DVec3> = posed.skin(&avatar.mesh.positions, &avatar.weights);
-    let expected = render::silhouette(&positions, &avatar.mesh.triangles, &view.camera);
+    let expected = edges.silhouette(&positions, &view.camera);
     SeenView::new(view.silhouette, view.camera, posed, expected)
 }
 

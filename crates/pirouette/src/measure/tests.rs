@@ -9,6 +9,7 @@ use super::tape::Tape;
 use super::*;
 use crate::avatar::ReferencePose;
 use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
+use crate::avatar::render;
 use crate::pose::SkinWeight;
 use crate::skeleton::{Bone, Joint};
 
@@ -154,6 +155,7 @@ fn seen(avatar: &Avatar, silhouettes: &[Grid<f32>], turns: &[f64]) -> Vec<SeenVi
             let turn = TurnAngle::from_degrees(degrees);
             see(
                 avatar,
+                &SilhouetteMesh::new(&avatar.mesh.triangles),
                 &MeasureView {
                     silhouette,
                     camera: camera(),
@@ -310,6 +312,7 @@ fn a_tape_goes_with_the_pose_of_each_view() {
             let silhouette = render::silhouette(&positions, &mesh.triangles, &camera());
             see(
                 &avatar,
+                &SilhouetteMesh::new(&avatar.mesh.triangles),
                 &MeasureView {
                     silhouette: &silhouette,
                     camera: camera(),
@@ -468,6 +471,7 @@ fn a_larger_scene_has_larger_measures() {
         .filter_map(|(silhouette, degrees)| {
             see(
                 &double,
+                &SilhouetteMesh::new(&double.mesh.triangles),
                 &MeasureView {
                     silhouette,
                     camera: far,
