@@ -12,7 +12,6 @@ pub mod band;
 pub mod border;
 pub mod color_model;
 pub mod grabcut;
-mod half;
 pub mod max_flow;
 pub mod plate;
 pub mod scene;
