@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use pirouette::io::escape_html;
 use pirouette::io::photo::encode_photo_png;
 use thiserror::Error;
 
@@ -161,7 +162,7 @@ fn web_experiment(html: &mut String, experiment: &Experiment) -> Result<(), Page
         format_args!(
             "<h2 id=\"{}\">{}</h2>\n",
             experiment.name,
-            escaped(experiment.title)
+            escape_html(experiment.title)
         ),
     );
     for paragraph in &experiment.reading {
@@ -171,7 +172,7 @@ fn web_experiment(html: &mut String, experiment: &Experiment) -> Result<(), Page
         web_table(html, table);
     }
     for picture in &experiment.pictures {
-        let caption = escaped(&picture.caption);
+        let caption = escape_html(&picture.caption);
         let data = STANDARD.encode(png(picture)?);
         push(
             html,
@@ -189,14 +190,14 @@ fn web_table(html: &mut String, table: &Table) {
         html,
         format_args!(
             "<div class=\"wide\"><table>\n<caption>{}</caption>\n<tr>",
-            escaped(&table.title)
+            escape_html(&table.title)
         ),
     );
     let first = table.rows.first();
     for (column, head) in table.columns.iter().enumerate() {
         let number = first.is_some_and(|row| !matches!(row.get(column), Some(Cell::Text(_))));
         let class = if number { " class=\"number\"" } else { "" };
-        push(html, format_args!("<th{class}>{}</th>", escaped(head)));
+        push(html, format_args!("<th{class}>{}</th>", escape_html(head)));
     }
     html.push_str("</tr>\n");
     for row in &table.rows {
@@ -208,14 +209,14 @@ fn web_table(html: &mut String, table: &Table) {
             };
             push(
                 html,
-                format_args!("<td{class}>{}</td>", escaped(&cell.to_string())),
+                format_args!("<td{class}>{}</td>", escape_html(&cell.to_string())),
             );
         }
         html.push_str("</tr>\n");
     }
     html.push_str("</table></div>\n");
     for note in &table.notes {
-        push(html, format_args!("<p>{}</p>\n", escaped(note)));
+        push(html, format_args!("<p>{}</p>\n", escape_html(note)));
     }
 }
 
@@ -235,7 +236,7 @@ fn push(text: &mut String, more: std::fmt::Arguments) {
 fn prose(text: &str) -> String {
     let mut html = String::new();
     for (index, part) in text.split('`').enumerate() {
-        let part = escaped(part);
+        let part = escape_html(part);
         if index % 2 == 1 {
             push(&mut html, format_args!("<code>{part}</code>"));
         } else {
@@ -243,21 +244,6 @@ fn prose(text: &str) -> String {
         }
     }
     html
-}
-
-/// A text that means itself in HTML, between tags and in quoted attributes
-fn escaped(text: &str) -> String {
-    let mut safe = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => safe.push_str("&amp;"),
-            '<' => safe.push_str("&lt;"),
-            '>' => safe.push_str("&gt;"),
-            '"' => safe.push_str("&quot;"),
-            c => safe.push(c),
-        }
-    }
-    safe
 }
 
 #[cfg(test)]

@@ -14,3 +14,5 @@ mod pictures;
 pub mod points;
 pub mod results;
 pub mod scan_folder;
+
+pub use page::escape_html;

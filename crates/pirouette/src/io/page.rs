@@ -67,7 +67,7 @@ footer { margin-top: 3rem; opacity: .7; }
 /// Writes the page
 pub(super) fn write_page(page: &Page) -> String {
     let mut html = String::new();
-    let title = escaped(page.title);
+    let title = escape_html(page.title);
     html.push_str("<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n");
     html.push_str("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n");
     html.push_str(
@@ -87,7 +87,7 @@ pub(super) fn write_page(page: &Page) -> String {
         let facts: Vec<String> = facts
             .map(|(name, value)| format!("{name}: {value}"))
             .collect();
-        let line = escaped(&facts.join(" · "));
+        let line = escape_html(&facts.join(" · "));
         add(&mut html, format_args!("<p>{line}</p>\n"));
     }
     add_warnings(&mut html, &page.warnings);
@@ -132,7 +132,7 @@ fn add(html: &mut String, text: std::fmt::Arguments) {
 }
 
 /// A text that means itself in HTML, between tags and in quoted attributes
-fn escaped(text: &str) -> String {
+pub fn escape_html(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -152,7 +152,7 @@ fn add_picture(html: &mut String, what: &str, jpeg: &[u8]) {
         html,
         format_args!(
             "<img alt=\"{}\" src=\"data:image/jpeg;base64,{}\">",
-            escaped(what),
+            escape_html(what),
             STANDARD.encode(jpeg)
         ),
     );
@@ -164,7 +164,7 @@ fn add_warnings(html: &mut String, warnings: &[String]) {
     }
     html.push_str("<section class=\"warnings\">\n<h2>Warnings</h2>\n<ul>\n");
     for warning in warnings {
-        add(html, format_args!("<li>{}</li>\n", escaped(warning)));
+        add(html, format_args!("<li>{}</li>\n", escape_html(warning)));
     }
     html.push_str("</ul>\n</section>\n");
 }
@@ -188,7 +188,7 @@ fn add_measurements(html: &mut String, measurements: &[(Measure, Measured)]) {
     html.push_str("<th>from</th></tr>\n");
     for (measure, measured) in measurements {
         let name = measure.name().replace('_', " ");
-        add(html, format_args!("<tr><th>{}</th>", escaped(&name)));
+        add(html, format_args!("<tr><th>{}</th>", escape_html(&name)));
         let in_mm = |value: Option<f64>| value.map(|value_mm| format!("{value_mm:.0}"));
         add_number(html, in_mm(measured.value_mm.ok()));
         for value in [measured.left_mm, measured.right_mm, measured.level_mm] {
@@ -200,7 +200,7 @@ fn add_measurements(html: &mut String, measurements: &[(Measure, Measured)]) {
             Ok(_) => method_text(measured.method).to_owned(),
             Err(why) => why.to_string(),
         };
-        add(html, format_args!("<td>{}</td></tr>\n", escaped(&from)));
+        add(html, format_args!("<td>{}</td></tr>\n", escape_html(&from)));
     }
     html.push_str("</table></div>\n");
 }
@@ -211,7 +211,7 @@ fn add_sizes(html: &mut String, sizes: &[(String, String)]) {
     }
     html.push_str("<h2>Sizes</h2>\n<table>\n");
     for (chart, verdict) in sizes {
-        let (chart, verdict) = (escaped(chart), escaped(verdict));
+        let (chart, verdict) = (escape_html(chart), escape_html(verdict));
         add(
             html,
             format_args!("<tr><th>{chart}</th><td>{verdict}</td></tr>\n"),
@@ -253,7 +253,7 @@ fn add_views(html: &mut String, views: &[PageView]) {
         add_picture(html, &name, &view.overlay);
         add(
             html,
-            format_args!("<figcaption>{}</figcaption></figure>\n", escaped(&name)),
+            format_args!("<figcaption>{}</figcaption></figure>\n", escape_html(&name)),
         );
     }
     html.push_str("</div>\n");
@@ -350,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn texts_are_escaped() {
+    fn texts_are_escape_html() {
         let html = write_page(&page());
         assert!(html.contains("<h1>anna &amp; &lt;ben&gt;</h1>"), "{html}");
         assert!(html.contains("&lt;script&gt;alert(&#39;hi&#39;)"), "{html}");
