@@ -2,9 +2,8 @@
 
 use pirouette_geom::{Grid, Mask};
 
-use crate::color_model::exp_of_negative;
+use crate::links::{Contrast, LinkRows, RowLinks};
 use crate::max_flow::{DIRECTIONS, GridCut};
-use crate::plate::{BackgroundPlate, squared_distance};
 use crate::seeds::{Seed, Window};
 
 /// Capacity of one unit of energy; whole numbers make the cut exact
@@ -12,16 +11,6 @@ const CAPACITY_SCALE: f32 = 256.0;
 
 /// Energies beyond this are as good as certain, and capacities stay far from overflow
 const MAX_ENERGY: f32 = 50_000.0;
-
-/// Pixels around the undecided ones that the contrast is averaged over too
-const MARGIN: usize = 2;
-
-/// Squared step of the plate, in squared levels, that halves the contrast of a pair of pixels
-const ATTENUATION_STEP: f32 = 25.0;
-
-/// Squared distance to the plate, in squared levels, at which attenuation has faded to 1/e: a pair that
-/// differs from the plate belongs to the person or to its outline
-const ATTENUATION_REACH: f32 = 200.0;
 
 /// The undecided pixels of one photo, linked by how much neighbors look alike
 ///
@@ -40,25 +29,19 @@ pub struct BandCut {
 impl BandCut {
     /// Links the undecided pixels of a photo
     ///
-    /// Neighbors `p`, `q` cost `smoothness / dist(p, q) * exp(-beta |I_p - I_q|^2)` when they are parted, `beta` one
-    /// over twice the mean squared contrast. With a `plate`, contrast that the background shows too counts
-    /// less.
+    /// Neighbors `p`, `q` cost `smoothness / dist(p, q) * exp(-beta |I_p - I_q|^2)` when they are parted. With a
+    /// plate, contrast that the background shows too counts less.
     ///
     /// # Panics
     /// When photo and seeds differ in size.
     ///
     /// # Source
-    /// C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut, equations 4, 5 and 11. Attenuation: J. Sun,
+    /// C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut, equations 4 and 11. Attenuation: J. Sun,
     /// W. Zhang, X. Tang, H. Shum, 2006, Background cut, equation 6.
-    pub fn new(
-        photo: &Grid<[u8; 3]>,
-        seeds: &Grid<Seed>,
-        smoothness: f32,
-        plate: Option<&BackgroundPlate>,
-    ) -> Self {
+    pub fn new(photo: &Grid<[u8; 3]>, seeds: &Grid<Seed>, contrast: Contrast) -> Self {
         assert!(photo.same_size(seeds), "one seed per pixel");
         let undecided = seeds.map(|seed| seed.undecided());
-        let Some(window) = Window::around(&undecided, MARGIN) else {
+        let Some(window) = Window::around(&undecided, 1) else {
             return Self {
                 window: None,
                 pixels: Vec::new(),
@@ -75,34 +58,12 @@ impl BandCut {
                     .map(|(x, _)| ((window.x0 + x) as u32, (window.y0 + y) as u32)),
             );
         }
-        let beta = contrast_scale(photo, window);
-        for (node, &(x, y)) in pixels.iter().enumerate() {
-            let (x, y) = (x as usize, y as usize);
-            for (direction, (dx, dy)) in DIRECTIONS.into_iter().enumerate() {
-                let (other_x, other_y) = (x as isize + dx, y as isize + dy);
-                let Some(&seed) = seeds.get(other_x, other_y) else {
-                    continue;
-                };
-                // links between nodes are made from the first of the two
-                if seed.undecided() && direction % 2 == 1 {
-                    continue;
-                }
-                let other = (other_x as usize, other_y as usize);
-                let contrast = contrast(photo, plate, (x, y), other);
-                let distance = if direction < 4 {
-                    1.0
-                } else {
-                    std::f32::consts::SQRT_2
-                };
-                let energy = smoothness / distance * exp_of_negative(-beta * contrast);
-                let capacity = capacity(energy);
-                match seed {
-                    Seed::Person => cut.add_terminal(node, capacity),
-                    Seed::Background => cut.add_terminal(node, -capacity),
-                    _ => cut.add_link(node, direction, capacity),
-                }
-            }
-        }
+        link(
+            &mut cut,
+            seeds,
+            window,
+            LinkRows::new(photo, window, contrast),
+        );
         Self {
             window: Some(window),
             terminals: vec![0; pixels.len()],
@@ -158,59 +119,51 @@ fn capacity(energy: f32) -> i32 {
     (scaled + 0.5_f32.copysign(scaled)) as i32
 }
 
-/// One over twice the mean squared contrast of neighbors; 0 for a flat photo
-fn contrast_scale(photo: &Grid<[u8; 3]>, window: Window) -> f32 {
-    let (mut sum, mut count) = (0_u64, 0_u64);
+/// Gives every node its links: to undecided neighbors by themselves, to decided ones as terminal capacity
+fn link(cut: &mut GridCut, seeds: &Grid<Seed>, window: Window, mut rows: LinkRows) {
+    let mut above = RowLinks::new(window.width);
+    let mut current = above.clone();
+    let mut node = 0;
     for y in 0..window.height {
-        let row = window.row(photo, y);
-        for pair in row.windows(2) {
-            sum += u64::from(squared_distance(pair[0], pair[1]));
+        rows.read(&mut current);
+        let row = window.row(seeds, y);
+        for (x, _) in row.iter().enumerate().filter(|(_, seed)| seed.undecided()) {
+            // links begin at the first pixel of a pair; rows of links begin one before the pixels
+            let energies = [
+                current.right[x + 1],
+                current.right[x],
+                current.below[x + 1],
+                above.below[x + 1],
+                current.below_right[x + 1],
+                above.below_right[x],
+                current.below_left[x + 1],
+                above.below_left[x + 2],
+            ];
+            let mut links = energies.map(capacity);
+            for (direction, (dx, dy)) in DIRECTIONS.into_iter().enumerate() {
+                if cut.neighbor(node, direction).is_some() {
+                    continue;
+                }
+                let link = std::mem::take(&mut links[direction]);
+                let (x, y) = (window.x0 + x, window.y0 + y);
+                match seeds.get(x as isize + dx, y as isize + dy) {
+                    Some(Seed::Person) => cut.add_terminal(node, link),
+                    Some(Seed::Background) => cut.add_terminal(node, -link),
+                    _ => {}
+                }
+            }
+            cut.set_links(node, links);
+            node += 1;
         }
-        count += row.len() as u64 - 1;
-        if y + 1 == window.height {
-            continue;
-        }
-        let below = window.row(photo, y + 1);
-        for (a, b) in row.iter().zip(below) {
-            sum += u64::from(squared_distance(*a, *b));
-        }
-        for (a, b) in row.iter().zip(&below[1..]) {
-            sum += u64::from(squared_distance(*a, *b));
-        }
-        for (a, b) in row[1..].iter().zip(below) {
-            sum += u64::from(squared_distance(*a, *b));
-        }
-        count += 3 * row.len() as u64 - 2;
+        std::mem::swap(&mut above, &mut current);
     }
-    if sum == 0 {
-        0.0
-    } else {
-        (count as f64 / (2.0 * sum as f64)) as f32
-    }
-}
-
-/// Squared contrast of two pixels, less what the plate shows of it
-fn contrast(
-    photo: &Grid<[u8; 3]>,
-    plate: Option<&BackgroundPlate>,
-    a: (usize, usize),
-    b: (usize, usize),
-) -> f32 {
-    let (color_a, color_b) = (photo[a], photo[b]);
-    let contrast = squared_distance(color_a, color_b) as f32;
-    let Some(plate) = plate else { return contrast };
-    let (Some(plate_a), Some(plate_b)) = (plate.color(a.0, a.1), plate.color(b.0, b.1)) else {
-        return contrast;
-    };
-    let step = squared_distance(plate_a, plate_b) as f32;
-    let foreign = squared_distance(color_a, plate_a).max(squared_distance(color_b, plate_b));
-    contrast
-        / (1.0 + step / ATTENUATION_STEP * exp_of_negative(-(foreign as f32) / ATTENUATION_REACH))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::links::contrast_scale;
+    use crate::plate::BackgroundPlate;
 
     fn seeds(art: &str) -> Grid<Seed> {
         let rows: Vec<&str> = art.split_whitespace().collect();
@@ -224,11 +177,19 @@ mod tests {
         })
     }
 
+    fn contrast(photo: &Grid<[u8; 3]>, seeds: &Grid<Seed>, smoothness: f32) -> Contrast<'static> {
+        Contrast {
+            smoothness,
+            beta: contrast_scale(photo, seeds),
+            plate: None,
+        }
+    }
+
     #[test]
     fn without_colors_the_cut_follows_the_contrast() {
         let photo = Grid::from_fn(8, 3, |x, _| if x < 3 { [200; 3] } else { [20; 3] });
         let seeds = seeds("#------. #------. #------.");
-        let mut band = BandCut::new(&photo, &seeds, 50.0, None);
+        let mut band = BandCut::new(&photo, &seeds, contrast(&photo, &seeds, 50.0));
         band.solve(&[0.0; 18]);
         assert_eq!(
             band.mask(&seeds),
@@ -240,7 +201,7 @@ mod tests {
     fn nothing_undecided_leaves_the_seeds() {
         let photo = Grid::filled(3, 1, [5; 3]);
         let seeds = seeds(".#.");
-        let mut band = BandCut::new(&photo, &seeds, 50.0, None);
+        let mut band = BandCut::new(&photo, &seeds, contrast(&photo, &seeds, 50.0));
         band.solve(&[]);
         assert!(!band.undecided());
         assert_eq!(band.mask(&seeds), Mask::from_art(".#."));
@@ -250,7 +211,7 @@ mod tests {
     fn strong_odds_win_over_smoothness_and_nan_is_even() {
         let photo = Grid::filled(5, 1, [5; 3]);
         let seeds = seeds("#---.");
-        let mut band = BandCut::new(&photo, &seeds, 1.0, None);
+        let mut band = BandCut::new(&photo, &seeds, contrast(&photo, &seeds, 1.0));
         band.solve(&[-9.0, f32::NAN, 9.0]);
         let mask = band.mask(&seeds);
         assert!(mask[(0, 0)] && !mask[(1, 0)] && mask[(3, 0)] && !mask[(4, 0)]);
@@ -268,7 +229,14 @@ mod tests {
         let plate = BackgroundPlate::estimate(&[(&empty, &all)], &Default::default()).unwrap();
         let seeds = seeds("#------. #------. #------. #------.");
         let area = |plate| {
-            let mut band = BandCut::new(&photo, &seeds, 50.0, plate);
+            let mut band = BandCut::new(
+                &photo,
+                &seeds,
+                Contrast {
+                    plate,
+                    ..contrast(&photo, &seeds, 50.0)
+                },
+            );
             band.solve(&[0.0; 24]);
             band.mask(&seeds).area()
         };

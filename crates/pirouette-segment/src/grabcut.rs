@@ -4,6 +4,8 @@ use pirouette_geom::{Grid, Mask};
 
 use crate::band::BandCut;
 use crate::color_model::{ColorModel, ColorModelOptions};
+use crate::links::{Contrast, contrast_scale};
+use crate::log_domain::log_sum_exp;
 use crate::seeds::{LogOdds, Seed};
 
 /// How one photo is segmented
@@ -97,7 +99,15 @@ pub fn grabcut(
         check_size("prior", photo, prior)?;
     }
     let mut mask = seeds.map(|seed| seed.person());
-    let mut band = BandCut::new(photo, seeds, options.smoothness, None);
+    let mut band = BandCut::new(
+        photo,
+        seeds,
+        Contrast {
+            smoothness: options.smoothness,
+            beta: contrast_scale(photo, seeds),
+            plate: None,
+        },
+    );
     if !band.undecided() {
         return Ok(mask);
     }
@@ -161,12 +171,6 @@ fn allow_surprise(log_densities: &mut [f32], share: f32) {
     for density in log_densities {
         *density = log_sum_exp(*density + known, unknown);
     }
-}
-
-/// Logarithm of the sum of two numbers given by their logarithms, of which not both are zero
-pub(crate) fn log_sum_exp(a: f32, b: f32) -> f32 {
-    let (large, small) = if a > b { (a, b) } else { (b, a) };
-    large + (small - large).exp().ln_1p()
 }
 
 pub(crate) fn check_size<T>(

@@ -133,15 +133,16 @@ impl GridCut {
         (other != NOWHERE).then_some(other as usize)
     }
 
-    /// Adds capacity both ways between a node and its neighbor; nothing happens where there is no neighbor
+    /// Sets the capacities between a node and its neighbors in all [`DIRECTIONS`]
     ///
-    /// The capacity must not be negative.
-    pub fn add_link(&mut self, node: usize, direction: usize, capacity: i32) {
-        debug_assert!(capacity >= 0);
-        if let Some(other) = self.neighbor(node, direction) {
-            self.residuals[node][direction] += capacity;
-            self.residuals[other][direction ^ 1] += capacity;
-        }
+    /// They must not be negative, 0 where there is no neighbor, and be the same for both ends of a link; so every
+    /// node needs its links set. Flow found before is forgotten.
+    pub fn set_links(&mut self, node: usize, capacities: [i32; 8]) {
+        debug_assert!(
+            (0..8).all(|d| capacities[d] >= 0
+                && (capacities[d] == 0 || self.neighbors[node][d] != NOWHERE))
+        );
+        self.residuals[node] = capacities;
     }
 
     /// Adds what it costs to cut a node off the source; negative: off the sink

@@ -3,6 +3,9 @@
 use pirouette_geom::{Grid, Mask};
 use rayon::prelude::*;
 
+use crate::log_domain::{ln_of_positive, log_sum_exp};
+use crate::seeds::Window;
+
 /// Color and spread of the background, per pixel, from all views that see it
 #[derive(Debug, Clone)]
 pub struct BackgroundPlate {
@@ -132,19 +135,51 @@ impl BackgroundPlate {
         (self.counts[(x, y)] > 0).then(|| self.colors[(x, y)])
     }
 
+    /// Row `y` of a window: colors of the background, and by how many views each was seen
+    pub(crate) fn row(&self, window: Window, y: usize) -> (&[[u8; 3]], &[u8]) {
+        (window.row(&self.colors, y), window.row(&self.counts, y))
+    }
+
     /// Standard deviation of the background's color at a pixel, in levels
     pub fn sigma(&self, x: usize, y: usize) -> f32 {
         self.sigmas[(x, y)]
     }
 
-    /// Natural logarithm of the density of a color at a pixel, `None` where no view sees the background
-    pub fn log_density(&self, x: usize, y: usize, color: [u8; 3]) -> Option<f32> {
-        let plate = self.color(x, y)?;
-        let sigma = self.sigma(x, y);
+    /// Mixes the plate into the logarithms of another density, for a stretch of a row from `x`, `y` on
+    ///
+    /// The plate has this `share` of the mixture; where no view sees the background the other density stays.
+    pub(crate) fn mix_into(
+        &self,
+        (x, y): (usize, usize),
+        colors: &[[u8; 3]],
+        share: f32,
+        log_densities: &mut [f32],
+    ) {
         // 1.5 ln(2 pi)
         const LOG_NORM: f32 = 2.756_815_6;
-        let distance = squared_distance(color, plate) as f32;
-        Some(-0.5 * distance / (sigma * sigma) - 3.0 * sigma.ln() - LOG_NORM)
+        let columns = x..x + colors.len();
+        let [own, other] = [share.ln() - LOG_NORM, (1.0 - share).ln()];
+        for ((((density, color), plate), &sigma), &count) in log_densities
+            .iter_mut()
+            .zip(colors)
+            .zip(&self.colors.row(y)[columns.clone()])
+            .zip(&self.sigmas.row(y)[columns.clone()])
+            .zip(&self.counts.row(y)[columns])
+        {
+            let distance = squared_distance(*color, *plate) as f32;
+            let plate = own - 0.5 * distance / (sigma * sigma) - 3.0 * ln_of_positive(sigma);
+            let mixed = log_sum_exp(plate, other + *density);
+            *density = if count > 0 { mixed } else { *density };
+        }
+    }
+
+    /// Whether a color is within the noise of what is seen behind a pixel
+    pub(crate) fn explains(&self, x: usize, y: usize, color: [u8; 3]) -> bool {
+        /// In standard deviations
+        const NOISE: f32 = 3.0;
+        let reach = NOISE * self.sigma(x, y);
+        self.color(x, y)
+            .is_some_and(|plate| (squared_distance(color, plate) as f32) < reach * reach)
     }
 }
 
@@ -411,7 +446,13 @@ mod tests {
             BackgroundPlate::estimate(&[(&photo, &seen)], &PlateOptions::default()).unwrap();
         assert_eq!(plate.color(0, 0), Some([9, 9, 9]));
         assert_eq!(plate.color(1, 0), None);
-        assert_eq!(plate.log_density(1, 0, [9, 9, 9]), None);
+        let mut densities = [-20.0, -20.0];
+        plate.mix_into((0, 0), &[[9, 9, 9]; 2], 0.5, &mut densities);
+        let seen = -1.5 * (2.0 * std::f32::consts::PI * 6.4 * 6.4).ln() + 0.5_f32.ln();
+        assert!((densities[0] - seen).abs() < 1e-3, "{densities:?}");
+        assert_eq!(densities[1], -20.0);
+        assert!(plate.explains(0, 0, [15, 15, 9]));
+        assert!(!plate.explains(0, 0, [29, 9, 9]) && !plate.explains(1, 0, [9, 9, 9]));
         assert!((plate.sigma(0, 0) - 6.4).abs() < 1e-5);
     }
 

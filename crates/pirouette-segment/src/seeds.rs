@@ -83,10 +83,15 @@ impl Window {
         &grid.row(self.y0 + y)[self.x0..self.x0 + self.width]
     }
 
+    /// The same, to change it
+    pub(crate) fn row_mut<'a, T>(&self, grid: &'a mut Grid<T>, y: usize) -> &'a mut [T] {
+        &mut grid.row_mut(self.y0 + y)[self.x0..self.x0 + self.width]
+    }
+
     /// Puts the window's values into a grid of the whole photo
     pub(crate) fn paste<T: Clone>(&self, part: &Grid<T>, grid: &mut Grid<T>) {
         for y in 0..self.height {
-            grid.row_mut(self.y0 + y)[self.x0..self.x0 + self.width].clone_from_slice(part.row(y));
+            self.row_mut(grid, y).clone_from_slice(part.row(y));
         }
     }
 }

@@ -12,9 +12,14 @@ struct Problem {
 fn build(problem: &Problem) -> GridCut {
     let mut cut = GridCut::new(&problem.nodes);
     for node in 0..cut.node_count() {
-        for (half, &capacity) in problem.links[node].iter().enumerate() {
-            cut.add_link(node, 2 * half, capacity);
-        }
+        let capacities = std::array::from_fn(|direction| {
+            let Some(other) = cut.neighbor(node, direction) else {
+                return 0;
+            };
+            let first = if direction % 2 == 0 { node } else { other };
+            problem.links[first][direction / 2]
+        });
+        cut.set_links(node, capacities);
         cut.add_terminal(node, problem.terminals[node]);
     }
     cut
