@@ -97,11 +97,11 @@ fn picture(avatar: &Avatar, turn: TurnAngle, shaded: bool) -> Result<Vec<u8>> {
     let camera = SyntheticOptions::camera_for(avatar.stature_mm(), width, height);
     let posed = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
     let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
-    let triangles = &avatar.mesh.triangles;
+    let mesh = render::SilhouetteMesh::new(&avatar.mesh.triangles);
     Ok(if shaded {
-        encode_photo_png(&render::shade(&positions, triangles, None, &camera))?
+        encode_photo_png(&render::shade(&mesh, &positions, None, &camera))?
     } else {
-        let mask: Mask = render::silhouette(&positions, triangles, &camera).threshold(0.5);
+        let mask: Mask = mesh.silhouette(&positions, &camera).threshold(0.5);
         encode_mask(&mask)?
     })
 }

@@ -18,6 +18,7 @@ pub mod raster;
 pub mod section;
 pub mod sparse;
 pub mod tri_mesh;
+pub mod triangle_sides;
 
 pub use raster::{Grid, Mask};
 pub use tri_mesh::TriMesh;

@@ -217,10 +217,19 @@ impl Mask {
         let mut bounds: Option<(usize, usize, usize, usize)> = None;
         for y in 0..self.height {
             let row = self.row(y);
-            let Some(first) = row.iter().position(|&v| v) else {
+            // whole rows and stretches at a time: most of them are empty
+            let any = |pixels: &[bool]| pixels.iter().fold(false, |any, &v| any | v);
+            if !any(row) {
+                continue;
+            }
+            let skipped = row.chunks_exact(64).take_while(|part| !any(part)).count();
+            let Some(first) = row[64 * skipped..].iter().position(|&v| v) else {
                 continue;
             };
-            let last = row.iter().rposition(|&v| v).unwrap_or(first);
+            let first = 64 * skipped + first;
+            let skipped = row.rchunks_exact(64).take_while(|part| !any(part)).count();
+            let end = row.len() - 64 * skipped;
+            let last = row[..end].iter().rposition(|&v| v).unwrap_or(first);
             bounds = Some(match bounds {
                 None => (first, y, last + 1, y + 1),
                 Some((x0, y0, x1, _)) => (x0.min(first), y0, x1.max(last + 1), y + 1),

@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use crate::triangle_sides::sides_by_edge;
+
 /// An indexed triangle mesh; counter-clockwise triangles seen from outside
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TriMesh {
@@ -149,7 +151,7 @@ impl TriMesh {
     ///
     /// `None` where the mesh is open, or where other than two triangles with opposite directions meet.
     pub fn neighbors(&self) -> Vec<[Option<u32>; 3]> {
-        let sides = self.sorted_sides();
+        let sides = sides_by_edge(&self.triangles);
         let mut neighbors = vec![[None; 3]; self.triangles.len()];
         for group in sides.chunk_by(|a, b| a.edge() == b.edge()) {
             if let [a, b] = group
@@ -200,7 +202,7 @@ impl TriMesh {
                 vertex: vertex as u32,
             });
         }
-        for group in self.sorted_sides().chunk_by(|a, b| a.edge() == b.edge()) {
+        for group in sides_by_edge(&self.triangles).chunk_by(|a, b| a.edge() == b.edge()) {
             let (from, to) = (group[0].from, group[0].to);
             match group {
                 [_] => return Err(MeshDefect::OpenEdge { from, to }),
@@ -298,37 +300,6 @@ impl TriMesh {
     /// When a triangle names a vertex that does not exist.
     pub fn largest_component(&self) -> TriMesh {
         self.components().into_iter().next().unwrap_or_default()
-    }
-
-    fn sorted_sides(&self) -> Vec<Side> {
-        let mut all = Vec::with_capacity(3 * self.triangles.len());
-        for (t, triangle) in self.triangles.iter().enumerate() {
-            for (side, (from, to)) in sides(triangle).enumerate() {
-                all.push(Side {
-                    from,
-                    to,
-                    triangle: t as u32,
-                    side: side as u32,
-                });
-            }
-        }
-        all.sort_unstable_by_key(|s| (s.edge(), s.triangle, s.side));
-        all
-    }
-}
-
-/// One side of one triangle
-#[derive(Debug, Clone, Copy)]
-struct Side {
-    from: u32,
-    to: u32,
-    triangle: u32,
-    side: u32,
-}
-
-impl Side {
-    fn edge(&self) -> (u32, u32) {
-        (self.from.min(self.to), self.from.max(self.to))
     }
 }
 

@@ -1,11 +1,13 @@
 //! The pictures of a result folder: an overlay per view, the contact sheet, and the residuals.
 
+use std::borrow::Cow;
+
 use glam::DVec3;
 use pirouette_geom::Grid;
 use rayon::prelude::*;
 
 use crate::avatar::Avatar;
-use crate::avatar::render;
+use crate::avatar::render::{self, SilhouetteMesh};
 use crate::bundle::Bundle;
 use crate::camera::Camera;
 use crate::color::SurfaceColors;
@@ -55,12 +57,19 @@ fn reference<'a>(report: &'a Report, bundle: &'a Bundle) -> &'a Avatar {
 /// Draws all views side by side: photo, mask, normalized over reference, body
 ///
 /// A fitted body has the colors of the photos and the pose of the view, a carved one stands in the reference pose.
-pub(super) fn draw_contact_sheet(loaded: &LoadedScan, report: &Report) -> Photo {
+///
+/// `body_mesh` is made of the body's triangles.
+pub(super) fn draw_contact_sheet(
+    loaded: &LoadedScan,
+    report: &Report,
+    body_mesh: Option<&SilhouetteMesh>,
+) -> Photo {
     let colors = report.colors.as_ref().map(SurfaceColors::to_linear);
     let bundle = report.bundle.as_ref();
-    let reference = bundle.map(|bundle| {
-        let mesh = &reference(report, bundle).mesh;
-        (mesh, render::SilhouetteMesh::new(&mesh.triangles))
+    let reference = bundle.map(|bundle| &reference(report, bundle).mesh);
+    let of_reference = reference.map(|mesh| match body_mesh {
+        Some(same) if same.triangles() == mesh.triangles => Cow::Borrowed(same),
+        _ => Cow::Owned(SilhouetteMesh::new(&mesh.triangles)),
     });
     let drawn: Vec<_> = report
         .views
@@ -68,28 +77,22 @@ pub(super) fn draw_contact_sheet(loaded: &LoadedScan, report: &Report) -> Photo 
         .enumerate()
         .map(|(place, found)| {
             let seen = bundle.map(|b| (b.cameras[found.index], b.turns[found.index]));
-            let reference = reference.as_ref().zip(seen);
+            let reference = reference.zip(of_reference.as_ref()).zip(seen);
             let reference = reference.map(|((mesh, edges), (camera, turn))| {
                 edges.silhouette(&turned(&mesh.positions, turn), &camera)
             });
             let camera = seen.map(|(camera, turn)| (small(&camera, BODY_SCALE), turn));
             // A fitted body can stand as in the photo, to be held against it.
-            let body = match (&report.fit, &report.body, camera) {
-                (Some(fit), Some(_), Some((camera, turn))) => fit.poses.get(place).map(|pose| {
-                    let positions = posed(fit, pose, turn);
-                    render::shade(
-                        &positions,
-                        &fit.avatar.mesh.triangles,
-                        colors.as_deref(),
-                        &camera,
-                    )
-                }),
-                (None, Some(body), Some((camera, turn))) => {
-                    let turned = turned(&body.positions, turn);
-                    Some(render::shade(&turned, &body.triangles, None, &camera))
-                }
-                _ => None,
-            };
+            let body = report.body.as_ref().zip(body_mesh).zip(camera);
+            let body = body.and_then(|((body, mesh), (camera, turn))| {
+                Some(match &report.fit {
+                    Some(fit) => {
+                        let positions = posed(fit, fit.poses.get(place)?, turn);
+                        render::shade(mesh, &positions, colors.as_deref(), &camera)
+                    }
+                    None => render::shade(mesh, &turned(&body.positions, turn), None, &camera),
+                })
+            });
             (reference, body)
         })
         .collect();
@@ -115,11 +118,13 @@ pub(super) fn draw_contact_sheet(loaded: &LoadedScan, report: &Report) -> Photo 
 
 /// Draws how far the outlines in the photos are from the fitted body's, and how many views see each part of it
 ///
-/// `None` when no body was fitted.
-pub(super) fn draw_residuals(loaded: &LoadedScan, report: &Report) -> Option<Photo> {
-    let (bundle, fit) = (report.bundle.as_ref()?, report.fit.as_ref()?);
-    let triangles = &fit.avatar.mesh.triangles;
-    let mesh = render::SilhouetteMesh::new(triangles);
+/// `None` when no body was fitted. `mesh` is made of the body's triangles.
+pub(super) fn draw_residuals(
+    loaded: &LoadedScan,
+    report: &Report,
+    mesh: Option<&SilhouetteMesh>,
+) -> Option<Photo> {
+    let (bundle, fit, mesh) = (report.bundle.as_ref()?, report.fit.as_ref()?, mesh?);
     let coverages: Vec<Grid<f32>> = report
         .views
         .par_iter()
@@ -161,7 +166,7 @@ pub(super) fn draw_residuals(loaded: &LoadedScan, report: &Report) -> Option<Pho
             let turn = TurnAngle::from_degrees(degrees);
             let positions = turned(&fit.avatar.mesh.positions, turn);
             let camera = small(camera, SEEN_SCALE);
-            let picture = render::shade(&positions, triangles, Some(&counts), &camera);
+            let picture = render::shade(mesh, &positions, Some(&counts), &camera);
             seen.push((label, picture, mesh.silhouette(&positions, &camera)));
         }
     }

@@ -12,6 +12,7 @@ use serde_json::{Map, Value, json};
 use thiserror::Error;
 
 use crate::avatar::ReferencePose;
+use crate::avatar::render::SilhouetteMesh;
 use crate::bundle::{Bundle, Scale};
 use crate::io::atomic::{WriteError, make_folder, write_whole};
 use crate::io::mesh::{BodyMesh, MeshFormat};
@@ -90,11 +91,18 @@ pub fn write_results(
         Ok::<_, ResultError>(Some(jpeg))
     };
     let some_views = !report.views.is_empty();
-    let contact = || some_views.then(|| draw_contact_sheet(loaded, report));
-    let residuals = || some_views.then(|| draw_residuals(loaded, report)).flatten();
+    let mesh = report.body.as_ref();
+    let mesh = mesh.map(|body| SilhouetteMesh::new(&body.triangles));
+    let mesh = mesh.as_ref();
+    let contact = || some_views.then(|| draw_contact_sheet(loaded, report, mesh));
+    let residuals = || {
+        some_views
+            .then(|| draw_residuals(loaded, report, mesh))
+            .flatten()
+    };
     let tapes = || {
-        let (mesh, measurements) = (report.body.as_ref()?, report.measurements.as_ref()?);
-        Some(tape_sheet(mesh, measurements))
+        let (body, measurements) = (report.body.as_ref()?, report.measurements.as_ref()?);
+        Some(tape_sheet(body, mesh?, measurements))
     };
     let write_views = || {
         let views = report.views.par_iter();

@@ -3,6 +3,8 @@
 //! Coordinates are photo coordinates: pixel centers at .5. Whatever lies outside is cut off, what is not finite
 //! is not drawn.
 
+use std::ops::Range;
+
 use glam::DVec2;
 use pirouette_geom::{Grid, Mask};
 
@@ -207,7 +209,20 @@ pub(super) fn sized_box(mask: &Mask) -> Option<(PixelBox, (f64, f64))> {
 ///
 /// An empty picture gives a gray one.
 pub(super) fn shrink(photo: &Photo, crop: Crop, width: usize, height: usize) -> Photo {
-    let (columns, rows) = (photo.width(), photo.height());
+    let size = (photo.width(), photo.height());
+    shrink_rows(size, crop, width, height, |y, columns, row| {
+        row.copy_from_slice(&photo.row(y)[columns]);
+    })
+}
+
+/// The same for a picture of some size that is made row by row: `fill` is given a row, columns, and their pixels
+pub(super) fn shrink_rows(
+    (columns, rows): (usize, usize),
+    crop: Crop,
+    width: usize,
+    height: usize,
+    mut fill: impl FnMut(usize, Range<usize>, &mut [Color]),
+) -> Photo {
     if columns == 0 || rows == 0 {
         return Photo::filled(width, height, [128; 3]);
     }
@@ -217,14 +232,15 @@ pub(super) fn shrink(photo: &Photo, crop: Crop, width: usize, height: usize) -> 
         return Photo::filled(width, height, [128; 3]);
     };
     let covered = *left..last + weights.len();
+    let mut source = vec![[0; 3]; covered.len()];
     let mut flat = vec![0f32; 3 * covered.len()];
     let mut pixels = Vec::with_capacity(width * height);
     // Rows that fall together are summed up first, all columns of them at once.
     for (first, weights) in &down {
         flat.fill(0.0);
         for (row, &weight) in (*first..).zip(weights) {
-            let levels = photo.row(row)[covered.clone()].as_flattened();
-            for (sum, &level) in flat.iter_mut().zip(levels) {
+            fill(row, covered.clone(), &mut source);
+            for (sum, &level) in flat.iter_mut().zip(source.as_flattened()) {
                 *sum += f32::from(level) * weight;
             }
         }

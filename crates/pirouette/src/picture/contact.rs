@@ -1,9 +1,11 @@
 //! All views at a glance: one column per view, one row per stage.
 
+use std::ops::Range;
+
 use pirouette_geom::{Grid, Mask};
 use rayon::prelude::*;
 
-use super::canvas::{self, Color, Crop, mix, paste, shrink, sized_box, tint_box};
+use super::canvas::{self, Color, Crop, mix, paste, shrink, shrink_rows, sized_box, tint_box};
 use super::font;
 use crate::scan::Photo;
 use crate::units::TurnAngle;
@@ -125,36 +127,51 @@ fn title(sheet: &mut Photo, (left, top): (usize, usize), width: usize, name: &st
 fn tiles(view: &ContactView, crop: Crop, width: usize) -> [Option<Photo>; 4] {
     let tile = |picture: &Photo| shrink(picture, crop, width, TILE_HEIGHT_PX);
     let mask = view.mask.map(|mask| {
-        let colored = mask.map(|&inside| if inside { SILHOUETTE } else { [255; 3] });
-        tile(&colored)
+        let size = (mask.width(), mask.height());
+        shrink_rows(size, crop, width, TILE_HEIGHT_PX, |y, columns, row| {
+            for (color, &inside) in row.iter_mut().zip(&mask.row(y)[columns]) {
+                *color = if inside { SILHOUETTE } else { [255; 3] };
+            }
+        })
     });
     [
         Some(tile(view.photo)),
         mask,
-        compare(view.normalized, view.reference).map(|picture| tile(&picture)),
+        compare(view.normalized, view.reference, crop, width),
         view.body.map(tile),
     ]
 }
 
 /// The normalized silhouette over the reference: gray where both are, a color where only one is
-fn compare(normalized: Option<&Mask>, reference: Option<&Grid<f32>>) -> Option<Photo> {
-    let (width, height) = normalized
+fn compare(
+    normalized: Option<&Mask>,
+    reference: Option<&Grid<f32>>,
+    crop: Crop,
+    tile_width: usize,
+) -> Option<Photo> {
+    let size = normalized
         .map(|n| (n.width(), n.height()))
         .or(reference.map(|r| (r.width(), r.height())))?;
-    Some(Photo::from_fn(width, height, |x, y| {
-        let (column, row) = (x as isize, y as isize);
-        let ours = normalized.is_some_and(|n| n.get(column, row) == Some(&true));
-        let theirs = reference.and_then(|r| r.get(column, row)).copied();
-        let theirs = f64::from(theirs.unwrap_or(0.0));
-        let (without, with) = if ours {
-            (ONLY_NORMALIZED, BOTH)
-        } else {
-            ([255; 3], ONLY_REFERENCE)
-        };
-        let mut color = without;
-        mix(&mut color, with, theirs);
-        color
-    }))
+    let draw = |y: usize, columns: Range<usize>, row: &mut [Color]| {
+        let ours = normalized.map(|mask| mask.row(y));
+        let theirs = reference.filter(|r| y < r.height()).map(|r| r.row(y));
+        for (x, color) in columns.zip(row) {
+            let ours = ours.is_some_and(|mask| mask[x]);
+            let covered = theirs.and_then(|row| row.get(x)).copied().unwrap_or(0.0);
+            let (without, with) = if ours {
+                (ONLY_NORMALIZED, BOTH)
+            } else {
+                ([255; 3], ONLY_REFERENCE)
+            };
+            *color = without;
+            if covered >= 1.0 {
+                *color = with;
+            } else if covered > 0.0 {
+                mix(color, with, f64::from(covered));
+            }
+        }
+    };
+    Some(shrink_rows(size, crop, tile_width, TILE_HEIGHT_PX, draw))
 }
 
 /// Width that keeps the proportions of the first photo's part
@@ -220,10 +237,10 @@ mod tests {
     fn comparing_colors_tell_who_covers_what() {
         let normalized = Mask::from_art("##..");
         let reference = Grid::from_vec(4, 1, vec![1.0, 0.0, 1.0, 0.0]);
-        let picture = compare(Some(&normalized), Some(&reference)).unwrap();
+        let picture = compare(Some(&normalized), Some(&reference), Crop::WHOLE, 4).unwrap();
         let expected = [BOTH, ONLY_NORMALIZED, ONLY_REFERENCE, [255; 3]];
-        assert_eq!(picture.as_slice(), expected);
-        assert!(compare(None, None).is_none());
+        assert_eq!(picture.row(0), expected);
+        assert!(compare(None, None, Crop::WHOLE, 4).is_none());
     }
 
     #[test]

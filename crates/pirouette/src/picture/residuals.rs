@@ -6,7 +6,7 @@ use pirouette_geom::contour::trace_outline;
 use pirouette_geom::distance_map::{bilinear, signed_distance};
 use rayon::prelude::*;
 
-use super::canvas::{self, Color, Crop, mix, paste, shrink, sized_box, stroke, tint_box};
+use super::canvas::{self, Color, Crop, PixelBox, mix, paste, shrink, sized_box, stroke, tint_box};
 use crate::scan::Photo;
 use crate::units::TurnAngle;
 
@@ -61,6 +61,9 @@ const PALE_INK: Color = [125, 131, 142];
 const DARK: Color = [26, 28, 34];
 const INSIDE: Color = [40, 120, 255];
 const OUTSIDE: Color = [255, 50, 35];
+
+/// Pixels around silhouette and body that their distances are asked for at
+const MARGIN_PX: usize = 3;
 
 /// What is left of a photo's light below the outlines
 const DIMMED: f64 = 0.45;
@@ -129,17 +132,27 @@ fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f6
         let wide = DVec2::new(crop.right - crop.left, crop.bottom - crop.top);
         part / wide * DVec2::new(tile_width as f64, TILE_HEIGHT_PX as f64)
     };
-    let distance_px = signed_distance(&view.body.threshold(0.5));
+    // All else is far from both.
+    let masks = [view.silhouette, view.body].map(|soft| soft.threshold(0.5));
+    let boxes = masks.iter().filter_map(|mask| mask.bounding_box());
+    let (x0, y0, x1, y1) = boxes
+        .reduce(|a, b| (a.0.min(b.0), a.1.min(b.1), a.2.max(b.2), a.3.max(b.3)))
+        .unwrap_or_default();
+    let (x0, y0) = (x0.saturating_sub(MARGIN_PX), y0.saturating_sub(MARGIN_PX));
+    let part = (x0, y0, x1 + MARGIN_PX, y1 + MARGIN_PX);
+    let distance_px = signed_distance(&part_of(&masks[1], part));
+    let silhouette = part_of(view.silhouette, part);
+    let corner = DVec2::new(x0 as f64, y0 as f64);
     let mut steps = vec![Vec::new(); 2 * COLOR_STEPS as usize + 1];
     let mut all = Vec::new();
     let (mut sum, mut total) = (0.0, 0.0);
-    for contour in trace_outline(view.silhouette, 0.5) {
+    for contour in trace_outline(&silhouette, 0.5) {
         for [a, b] in contour.edges() {
             let off_mm = bilinear(&distance_px, (a + b) / 2.0) * view.mm_per_px;
             if off_mm.is_nan() {
                 continue;
             }
-            let line = [tile_from_photo(a), tile_from_photo(b)];
+            let line = [tile_from_photo(a + corner), tile_from_photo(b + corner)];
             let step = (off_mm / FULL_COLOR_MM).clamp(-1.0, 1.0) * f64::from(COLOR_STEPS);
             steps[(step.round() as i32 + COLOR_STEPS) as usize].push(line);
             all.push(line);
@@ -154,6 +167,13 @@ fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f6
     }
     let mean_mm = sum / total;
     (tile, mean_mm.is_finite().then_some(mean_mm))
+}
+
+/// The pixels of a box, as far as the grid reaches
+fn part_of<T: Clone>(grid: &Grid<T>, (x0, y0, x1, y1): PixelBox) -> Grid<T> {
+    let (x1, y1) = (x1.min(grid.width()), y1.min(grid.height()));
+    let (x0, y0) = (x0.min(x1), y0.min(y1));
+    grid.crop(x0, y0, x1 - x0, y1 - y0)
 }
 
 /// Color of a distance: blue below zero, white at zero, red above

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::TriMesh;
 
 use super::canvas::{self, Color, paste, stroke};
-use crate::avatar::render::shade;
+use crate::avatar::render::{SilhouetteMesh, shade};
 use crate::camera::Camera;
 use crate::measure::{Girth, Measure, Measurements};
 use crate::scan::Photo;
@@ -24,8 +24,8 @@ const LINE_PX: f64 = 3.0;
 
 /// Draws a body from the front and from its right side, tapes in red, pale where the body hides them, with their lengths
 ///
-/// `body` is in the world frame, mm. A body without area gives an empty sheet.
-pub fn tape_sheet(body: &TriMesh, measurements: &Measurements) -> Photo {
+/// `body` is in the world frame, mm; `mesh` is made of its triangles. A body without area gives an empty sheet.
+pub fn tape_sheet(body: &TriMesh, mesh: &SilhouetteMesh, measurements: &Measurements) -> Photo {
     let (width, height) = TILE_PX;
     let mut sheet = Photo::filled(2 * width + LABEL_WIDTH_PX, height, [250; 3]);
     let Some((low, high)) = body.bounds().filter(|(low, high)| high.y > low.y) else {
@@ -36,7 +36,7 @@ pub fn tape_sheet(body: &TriMesh, measurements: &Measurements) -> Photo {
         let turn = TurnAngle::from_degrees(degrees).room_from_world();
         let camera = far_camera(low, high);
         let positions: Vec<DVec3> = body.positions.iter().map(|&p| turn * p).collect();
-        let mut tile = shade(&positions, &body.triangles, None, &camera);
+        let mut tile = shade(mesh, &positions, None, &camera);
         for (girth, curve) in &measurements.tapes {
             let points: Vec<DVec3> = curve.iter().map(|&p| turn * p).collect();
             draw_tape(&mut tile, &points, &camera);
@@ -130,7 +130,11 @@ mod tests {
             subject: Subject::default(),
             given_masks: 1.0,
         });
-        let sheet = tape_sheet(&avatar.mesh, &all);
+        let sheet = tape_sheet(
+            &avatar.mesh,
+            &SilhouetteMesh::new(&avatar.mesh.triangles),
+            &all,
+        );
         let count = |columns: std::ops::Range<usize>, color: Color| {
             (0..sheet.height())
                 .flat_map(|y| columns.clone().map(move |x| (x, y)))
@@ -159,7 +163,7 @@ mod tests {
             subject: Subject::default(),
             given_masks: 1.0,
         });
-        let sheet = tape_sheet(&TriMesh::default(), &all);
+        let sheet = tape_sheet(&TriMesh::default(), &SilhouetteMesh::new(&[]), &all);
         assert!(sheet.as_slice().iter().all(|p| *p == [250; 3]));
     }
 }

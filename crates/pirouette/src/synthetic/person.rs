@@ -13,7 +13,7 @@ use crate::skeleton::{Bone, Joint};
 #[derive(Debug, Clone)]
 pub(super) struct Look {
     seed: u64,
-    triangles: Vec<[u32; 3]>,
+    mesh: render::SilhouetteMesh,
     /// Reference position of each vertex, which the renderer interpolates in the place of a color
     places: Vec<[f32; 3]>,
     segments: Vec<(Bone, DVec3, DVec3)>,
@@ -59,7 +59,7 @@ impl Look {
             .collect();
         Self {
             seed,
-            triangles: avatar.mesh.triangles.clone(),
+            mesh: render::SilhouetteMesh::new(&avatar.mesh.triangles),
             places: avatar
                 .mesh
                 .positions
@@ -83,10 +83,10 @@ impl Look {
     /// The person in the room: `positions` are the posed vertices
     pub(super) fn paint(&self, background: &Light, positions: &[DVec3], camera: &Camera) -> Light {
         let layer = render::shade_layer(
+            &self.mesh,
             positions,
-            &self.triangles,
             camera,
-            |_, _, place| self.albedo(DVec3::from_array(place.map(f64::from))),
+            |place| self.albedo(DVec3::from_array(place.map(f64::from))),
             Some(&self.places),
         );
         let feet = self.feet(positions);

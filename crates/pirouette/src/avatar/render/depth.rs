@@ -53,7 +53,8 @@ pub fn nearest_surface(
     camera: &Camera,
 ) -> NearestSurface {
     let vertices = see_all(positions, camera);
-    let buffer = DepthBuffer::draw(camera.width_px, camera.height_px, &vertices, triangles);
+    let size = (camera.width_px, camera.height_px);
+    let buffer = DepthBuffer::draw(size, &vertices, triangles, Faces::Both);
     NearestSurface {
         // 1 / 0 is infinite
         depth_mm: buffer.nearness.map(|&nearness| 1.0 / nearness),
@@ -84,17 +85,27 @@ pub(super) fn see_all(positions: &[DVec3], camera: &Camera) -> Vec<Option<Seen>>
 /// The nearest surface at each pixel center, by its nearness
 pub(super) struct DepthBuffer {
     /// One over the depth, 0 where nothing is
-    nearness: Grid<f32>,
+    pub(super) nearness: Grid<f32>,
     /// Index of the triangle; [`NearestSurface::NONE`] where nothing is
     pub(super) triangle: Grid<u32>,
 }
 
+/// Which triangles are drawn
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Faces {
+    /// All
+    Both,
+    /// Those that turn their outside to the camera; enough for closed surfaces whose triangles run counter-clockwise
+    /// seen from outside
+    Outside,
+}
+
 impl DepthBuffer {
     pub(super) fn draw(
-        width: usize,
-        height: usize,
+        (width, height): (usize, usize),
         vertices: &[Option<Seen>],
         triangles: &[[u32; 3]],
+        faces: Faces,
     ) -> Self {
         let mut buffer = Self {
             nearness: Grid::filled(width, height, 0f32),
@@ -104,6 +115,11 @@ impl DepthBuffer {
             let [Some(a), Some(b), Some(c)] = triangle.map(|v| vertices[v as usize]) else {
                 continue;
             };
+            // y points down on screen
+            let inside = (b.photo - a.photo).perp_dot(c.photo - a.photo) > 0.0;
+            if inside && faces == Faces::Outside {
+                continue;
+            }
             each_pixel(
                 width,
                 height,

@@ -12,6 +12,7 @@ mod shade;
 use glam::{DVec2, DVec3};
 use pirouette_geom::Grid;
 use pirouette_geom::coverage::fill_edges;
+use pirouette_geom::triangle_sides::sides_by_edge;
 
 use crate::camera::Camera;
 
@@ -61,31 +62,23 @@ struct Side {
 impl SilhouetteMesh {
     /// Finds the edges of a mesh; any triangles will do: closed or open, manifold or not
     pub fn new(triangles: &[[u32; 3]]) -> Self {
-        let mut halves: Vec<([u32; 2], Side)> = Vec::with_capacity(3 * triangles.len());
-        for (t, triangle) in triangles.iter().enumerate() {
-            for k in 0..3 {
-                let (from, to) = (triangle[k], triangle[(k + 1) % 3]);
-                let side = Side {
-                    triangle: t as u32,
-                    direction: if from < to { 1 } else { -1 },
-                };
-                halves.push(([from.min(to), from.max(to)], side));
-            }
-        }
-        halves.sort_unstable_by_key(|(edge, side)| (*edge, side.triangle));
+        let sides = sides_by_edge(triangles);
         let mut mesh = Self {
             triangles: triangles.to_vec(),
-            edges: Vec::with_capacity(halves.len() / 2),
-            first_side: Vec::with_capacity(halves.len() / 2 + 1),
-            sides: Vec::with_capacity(halves.len()),
+            edges: Vec::with_capacity(sides.len() / 2),
+            first_side: Vec::with_capacity(sides.len() / 2 + 1),
+            sides: Vec::with_capacity(sides.len()),
             closed: true,
         };
-        for chunk in halves.chunk_by(|(a, _), (b, _)| a == b) {
-            mesh.edges.push(chunk[0].0);
+        for edge in sides.chunk_by(|a, b| a.edge() == b.edge()) {
+            mesh.edges.push(edge[0].edge());
             mesh.first_side.push(mesh.sides.len() as u32);
-            mesh.sides.extend(chunk.iter().map(|(_, side)| *side));
-            let balance: i32 = chunk.iter().map(|(_, s)| i32::from(s.direction)).sum();
-            mesh.closed &= balance == 0;
+            mesh.sides.extend(edge.iter().map(|side| Side {
+                triangle: side.triangle,
+                direction: if side.ascends() { 1 } else { -1 },
+            }));
+            let ascending = edge.iter().filter(|side| side.ascends()).count();
+            mesh.closed &= 2 * ascending == edge.len();
         }
         mesh.first_side.push(mesh.sides.len() as u32);
         mesh

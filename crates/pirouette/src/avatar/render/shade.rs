@@ -1,11 +1,13 @@
 //! Shaded pictures of a surface.
 
+use std::sync::LazyLock;
+
 use glam::{DVec2, DVec3};
 use pirouette_geom::Grid;
 use rayon::prelude::*;
 
-use super::depth::{DepthBuffer, NearestSurface, Seen, see_all};
-use super::silhouette;
+use super::SilhouetteMesh;
+use super::depth::{DepthBuffer, Faces, NearestSurface, Seen, see_all};
 use crate::camera::Camera;
 use crate::scan::Photo;
 
@@ -34,12 +36,12 @@ pub struct Layer {
 /// # Panics
 /// When a triangle names a vertex that does not exist, or there are colors for some vertices only.
 pub fn shade(
+    mesh: &SilhouetteMesh,
     positions: &[DVec3],
-    triangles: &[[u32; 3]],
     colors: Option<&[[f32; 3]]>,
     camera: &Camera,
 ) -> Photo {
-    let layer = shade_layer(positions, triangles, camera, |_, _, albedo| albedo, colors);
+    let layer = draw_layer(mesh, positions, camera, |c| c, colors, Detail::Smooth);
     let (width, height) = (camera.width_px, camera.height_px);
     let mut photo = Photo::filled(width, height, [0; 3]);
     for y in 0..height {
@@ -51,29 +53,48 @@ pub fn shade(
         for (x, pixel) in row.iter_mut().enumerate() {
             let (alpha, color) = (layer.coverage[(x, y)], layer.color[(x, y)]);
             *pixel = std::array::from_fn(|k| {
-                let value = if alpha > 0.0 {
-                    255.0 * srgb_from_linear(linear[k] * (1.0 - alpha) + color[k] * alpha)
+                if alpha > 0.0 {
+                    level_from_linear(linear[k] * (1.0 - alpha) + color[k] * alpha)
                 } else {
-                    behind[k]
-                };
-                (value + 0.5) as u8
+                    (behind[k] + 0.5) as u8
+                }
             });
         }
     }
     photo
 }
 
-/// Draws a surface into a layer; `paint` gives the linear color of a point from the room position, the unit
-/// normal and the color interpolated between the vertices
+/// Draws a surface into a layer; `paint` gives the linear color of a point from the color interpolated between the
+/// vertices
 ///
 /// # Panics
 /// When a triangle names a vertex that does not exist, or there are colors for some vertices only.
 pub fn shade_layer(
+    mesh: &SilhouetteMesh,
     positions: &[DVec3],
-    triangles: &[[u32; 3]],
     camera: &Camera,
-    paint: impl Fn(DVec3, DVec3, [f32; 3]) -> [f32; 3] + Sync,
+    paint: impl Fn([f32; 3]) -> [f32; 3] + Sync,
     colors: Option<&[[f32; 3]]>,
+) -> Layer {
+    draw_layer(mesh, positions, camera, paint, colors, Detail::Fine)
+}
+
+/// How often a surface is sampled
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Detail {
+    /// Colors that change between vertices: at every sample
+    Fine,
+    /// Colors that hardly change within a pixel: once where all its samples see the same part of the surface
+    Smooth,
+}
+
+fn draw_layer(
+    mesh: &SilhouetteMesh,
+    positions: &[DVec3],
+    camera: &Camera,
+    paint: impl Fn([f32; 3]) -> [f32; 3] + Sync,
+    colors: Option<&[[f32; 3]]>,
+    detail: Detail,
 ) -> Layer {
     if let Some(colors) = colors {
         assert_eq!(colors.len(), positions.len(), "one color per vertex");
@@ -81,21 +102,25 @@ pub fn shade_layer(
     let (width, height) = (camera.width_px, camera.height_px);
     let mut layer = Layer {
         color: Grid::filled(width, height, [0.0; 3]),
-        coverage: silhouette(positions, triangles, camera),
+        coverage: mesh.silhouette(positions, camera),
     };
-    let Some(samples) = Samples::draw(positions, triangles, colors, camera) else {
+    let Some(samples) = Samples::draw(positions, mesh, colors, camera) else {
         return layer;
     };
     let lights = Lights::new();
+    let lit = |(normal, albedo)| lights.on(normal, paint(albedo));
     let rows: Vec<Vec<Option<[f32; 3]>>> = (0..samples.window.height)
         .into_par_iter()
         .map(|y| {
             (0..samples.window.width)
                 .map(|x| {
+                    if detail == Detail::Smooth && samples.one_surface(x, y) {
+                        return samples.at_center(x, y).map(lit);
+                    }
                     let found = (0..SAMPLES * SAMPLES).filter_map(|k| {
-                        let at = (x * SAMPLES + k % SAMPLES, y * SAMPLES + k / SAMPLES);
-                        let (point, normal, albedo) = samples.at(at)?;
-                        Some(lights.on(normal, paint(point, normal, albedo)))
+                        samples
+                            .at((x * SAMPLES + k % SAMPLES, y * SAMPLES + k / SAMPLES))
+                            .map(lit)
                     });
                     mean(found)
                 })
@@ -167,7 +192,6 @@ impl Window {
 /// The nearest surface at [`SAMPLES`] x [`SAMPLES`] points of each pixel in a window
 struct Samples<'a> {
     window: Window,
-    positions: &'a [DVec3],
     triangles: &'a [[u32; 3]],
     colors: Option<&'a [[f32; 3]]>,
     normals: Vec<DVec3>,
@@ -177,8 +201,8 @@ struct Samples<'a> {
 
 impl<'a> Samples<'a> {
     fn draw(
-        positions: &'a [DVec3],
-        triangles: &'a [[u32; 3]],
+        positions: &[DVec3],
+        mesh: &'a SilhouetteMesh,
         colors: Option<&'a [[f32; 3]]>,
         camera: &Camera,
     ) -> Option<Self> {
@@ -188,29 +212,58 @@ impl<'a> Samples<'a> {
         for seen in vertices.iter_mut().flatten() {
             seen.photo = (seen.photo - corner) * SAMPLES as f64;
         }
-        let (width, height) = (window.width * SAMPLES, window.height * SAMPLES);
+        let size = (window.width * SAMPLES, window.height * SAMPLES);
+        let faces = if mesh.closed && volume(positions, mesh.triangles()) > 0.0 {
+            Faces::Outside
+        } else {
+            Faces::Both
+        };
         Some(Self {
-            buffer: DepthBuffer::draw(width, height, &vertices, triangles),
-            normals: vertex_normals(positions, triangles),
+            buffer: DepthBuffer::draw(size, &vertices, mesh.triangles(), faces),
+            normals: vertex_normals(positions, mesh.triangles()),
             window,
-            positions,
-            triangles,
+            triangles: mesh.triangles(),
             colors,
             vertices,
         })
     }
 
-    /// Room position, unit normal and color of the surface at a sample, `None` where nothing is
-    fn at(&self, (x, y): (usize, usize)) -> Option<(DVec3, DVec3, [f32; 3])> {
-        let t = self.buffer.triangle[(x, y)];
-        if t == NearestSurface::NONE {
+    /// Whether all samples of a pixel see parts of the surface that lie next to each other
+    fn one_surface(&self, x: usize, y: usize) -> bool {
+        /// Parts differ by less than this share of their distance; a hand before the trunk is farther off
+        const NEXT: f32 = 0.002;
+        let (mut near, mut far) = (0.0_f32, f32::INFINITY);
+        for k in 0..SAMPLES * SAMPLES {
+            let at = (x * SAMPLES + k % SAMPLES, y * SAMPLES + k / SAMPLES);
+            let nearness = self.buffer.nearness[at];
+            near = near.max(nearness);
+            far = far.min(nearness);
+        }
+        far > 0.0 && near - far < NEXT * near
+    }
+
+    /// Unit normal and color of the surface at a sample, `None` where nothing is
+    fn at(&self, (x, y): (usize, usize)) -> Option<(DVec3, [f32; 3])> {
+        let point = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+        self.on_triangle(self.buffer.triangle[(x, y)], point)
+    }
+
+    /// The same in the middle of a pixel, on the surface of its first sample
+    fn at_center(&self, x: usize, y: usize) -> Option<(DVec3, [f32; 3])> {
+        let triangle = self.buffer.triangle[(x * SAMPLES, y * SAMPLES)];
+        let center = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) * SAMPLES as f64;
+        self.on_triangle(triangle, center)
+    }
+
+    fn on_triangle(&self, triangle: u32, point: DVec2) -> Option<(DVec3, [f32; 3])> {
+        if triangle == NearestSurface::NONE {
             return None;
         }
-        let triangle = self.triangles[t as usize];
+        let triangle = self.triangles[triangle as usize];
         let [a, b, c] = triangle.map(|v| self.vertices[v as usize]);
         let (a, b, c) = (a?, b?, c?);
         let (ab, ac) = (b.photo - a.photo, c.photo - a.photo);
-        let p = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - a.photo;
+        let p = point - a.photo;
         let area = ab.perp_dot(ac);
         let (wb, wc) = (p.perp_dot(ac) / area, ab.perp_dot(p) / area);
         // perspective-correct weights
@@ -221,11 +274,8 @@ impl<'a> Samples<'a> {
         ];
         let sum: f64 = raw.iter().sum();
         let weights = raw.map(|w| w / sum);
-        let blend = |of: &[DVec3]| -> DVec3 {
-            let corners = triangle.iter().zip(weights);
-            corners.map(|(&v, w)| of[v as usize] * w).sum()
-        };
-        let normal = blend(&self.normals).try_normalize().unwrap_or(DVec3::Z);
+        let corners = triangle.iter().zip(weights);
+        let normal: DVec3 = corners.map(|(&v, w)| self.normals[v as usize] * w).sum();
         let mut albedo = CLAY;
         if let Some(colors) = self.colors {
             albedo = [0.0; 3];
@@ -235,8 +285,14 @@ impl<'a> Samples<'a> {
                 }
             }
         }
-        Some((blend(self.positions), normal, albedo))
+        Some((normal.try_normalize().unwrap_or(DVec3::Z), albedo))
     }
+}
+
+/// Six times the signed volume; positive when triangles run counter-clockwise seen from outside
+fn volume(positions: &[DVec3], triangles: &[[u32; 3]]) -> f64 {
+    let corners = triangles.iter().map(|t| t.map(|v| positions[v as usize]));
+    corners.map(|[a, b, c]| a.cross(b).dot(c)).sum()
 }
 
 /// Area-weighted unit normals; zero where a vertex has no area around it
@@ -297,6 +353,16 @@ impl Lights {
     }
 }
 
+/// The nearest sRGB level of a linear value, but for one where it lies on the border between two
+fn level_from_linear(linear: f32) -> u8 {
+    const STEPS: usize = 8192;
+    static LEVELS: LazyLock<Vec<u8>> = LazyLock::new(|| {
+        let level = |i| (255.0 * srgb_from_linear(i as f32 / STEPS as f32) + 0.5) as u8;
+        (0..=STEPS).map(level).collect()
+    });
+    LEVELS[((linear.clamp(0.0, 1.0) * STEPS as f32 + 0.5) as usize).min(STEPS)]
+}
+
 /// sRGB value (0 to 1) of a linear one
 pub(crate) fn srgb_from_linear(linear: f32) -> f32 {
     let v = linear.clamp(0.0, 1.0);
@@ -325,7 +391,12 @@ mod tests {
     #[test]
     fn a_ball_is_lit_from_the_front_and_keeps_the_background_light() {
         let (positions, triangles) = sphere(DVec3::new(0.0, 900.0, 0.0), 300.0, 24);
-        let photo = shade(&positions, &triangles, None, &camera());
+        let photo = shade(
+            &SilhouetteMesh::new(&triangles),
+            &positions,
+            None,
+            &camera(),
+        );
         let luma = |x: usize, y: usize| photo[(x, y)].iter().map(|&v| u32::from(v)).sum::<u32>();
         assert!(luma(2, 2) > 3 * 235);
         assert!(luma(80, 100) < luma(2, 2));
@@ -337,7 +408,12 @@ mod tests {
     fn colors_of_the_vertices_show() {
         let (positions, triangles) = sphere(DVec3::new(0.0, 900.0, 0.0), 300.0, 24);
         let red = vec![[0.8, 0.05, 0.05]; positions.len()];
-        let photo = shade(&positions, &triangles, Some(&red), &camera());
+        let photo = shade(
+            &SilhouetteMesh::new(&triangles),
+            &positions,
+            Some(&red),
+            &camera(),
+        );
         let [r, g, _] = photo[(80, 100)];
         assert!(r > g + 80);
     }
@@ -345,11 +421,9 @@ mod tests {
     #[test]
     fn sample_count_does_not_move_the_outline() {
         let (positions, triangles) = sphere(DVec3::new(0.0, 900.0, 0.0), 300.0, 24);
-        let layer = shade_layer(&positions, &triangles, &camera(), |_, _, a| a, None);
-        assert_eq!(
-            layer.coverage,
-            silhouette(&positions, &triangles, &camera())
-        );
+        let mesh = SilhouetteMesh::new(&triangles);
+        let layer = shade_layer(&mesh, &positions, &camera(), |a| a, None);
+        assert_eq!(layer.coverage, mesh.silhouette(&positions, &camera()));
         let unlit = layer
             .color
             .as_slice()
