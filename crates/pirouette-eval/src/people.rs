@@ -107,12 +107,8 @@ impl Person {
         displace(&mut figure, random);
         let mut figure = with_posture(&figure, &posture(random));
         // Tapes lie where this body has its waist, not where the mannequin had it.
-        (figure.tape_loops, figure.landmarks) = landmarks::find(
-            &figure.mesh,
-            &figure.weights,
-            &figure.bone_heads,
-            &figure.keypoints,
-        );
+        (figure.tape_loops, figure.landmarks) =
+            landmarks::find(&figure.mesh, &figure.weights, &figure.bone_heads);
         Ok(Self {
             seed,
             sex,

@@ -66,6 +66,7 @@ pub fn coarsen(mesh: &TriMesh, target: usize, mirror: Option<&[u32]>) -> CoarseM
         .map(|edge| Reverse((collapse.length_key(edge), edge)))
         .collect();
     let image = |v: u32| mirror.map_or(v, |mirror| mirror[v as usize]);
+    let mut around = Vec::new();
     while collapse.alive_count > target
         && let Some(Reverse((_, edge))) = queue.pop()
     {
@@ -76,7 +77,7 @@ pub fn coarsen(mesh: &TriMesh, target: usize, mirror: Option<&[u32]>) -> CoarseM
             continue;
         };
         collapse.merge(gone, kept);
-        queue_around(&collapse, kept, &mut queue);
+        queue_around(&mut collapse, kept, &mut around, &mut queue);
         let (gone_image, kept_image) = (image(gone), image(kept));
         if mirror.is_some()
             && gone_image != gone
@@ -84,7 +85,7 @@ pub fn coarsen(mesh: &TriMesh, target: usize, mirror: Option<&[u32]>) -> CoarseM
             && collapse.can_merge(gone_image, kept_image)
         {
             collapse.merge(gone_image, kept_image);
-            queue_around(&collapse, kept_image, &mut queue);
+            queue_around(&mut collapse, kept_image, &mut around, &mut queue);
         }
     }
     collapse.finish()
@@ -92,11 +93,13 @@ pub fn coarsen(mesh: &TriMesh, target: usize, mirror: Option<&[u32]>) -> CoarseM
 
 /// Offers the edges of a vertex again: those that could not go may go now
 fn queue_around(
-    collapse: &Collapse,
+    collapse: &mut Collapse,
     vertex: u32,
+    around: &mut Vec<u32>,
     queue: &mut BinaryHeap<Reverse<(u64, [u32; 2])>>,
 ) {
-    for neighbor in collapse.neighbors(vertex) {
+    collapse.neighbors(vertex, around);
+    for &neighbor in &*around {
         let edge = [vertex.min(neighbor), vertex.max(neighbor)];
         queue.push(Reverse((collapse.length_key(edge), edge)));
     }
@@ -112,6 +115,9 @@ struct Collapse<'a> {
     alive_count: usize,
     /// The vertex that each one went into
     went_to: Vec<u32>,
+    /// When each vertex was last met, by which vertices are counted once
+    met: Vec<u32>,
+    time: u32,
 }
 
 impl<'a> Collapse<'a> {
@@ -130,6 +136,8 @@ impl<'a> Collapse<'a> {
             alive: vec![true; count],
             alive_count: count,
             went_to: (0..count as u32).collect(),
+            met: vec![0; count],
+            time: 0,
         }
     }
 
@@ -144,28 +152,56 @@ impl<'a> Collapse<'a> {
             .to_bits()
     }
 
-    fn neighbors(&self, v: u32) -> Vec<u32> {
-        let mut neighbors: Vec<u32> = self.stars[v as usize]
-            .iter()
-            .flat_map(|&t| self.triangles[t as usize])
-            .filter(|&other| other != v)
-            .collect();
-        neighbors.sort_unstable();
-        neighbors.dedup();
-        neighbors
+    /// Vertices around one, each once
+    fn neighbors(&mut self, v: u32, around: &mut Vec<u32>) {
+        around.clear();
+        self.time += 1;
+        for &t in &self.stars[v as usize] {
+            for other in self.triangles[t as usize] {
+                let met = &mut self.met[other as usize];
+                if other != v && *met != self.time {
+                    *met = self.time;
+                    around.push(other);
+                }
+            }
+        }
+    }
+
+    /// Numbers of the vertices around one, around another, and around both
+    fn count_neighbors(&mut self, [a, b]: [u32; 2]) -> [usize; 3] {
+        // around the first, then also around the second
+        self.time += 3;
+        let (first, second) = (self.time - 2, self.time - 1);
+        let mut counts = [0; 3];
+        for &t in &self.stars[a as usize] {
+            for other in self.triangles[t as usize] {
+                let met = &mut self.met[other as usize];
+                if other != a && *met != first {
+                    *met = first;
+                    counts[0] += 1;
+                }
+            }
+        }
+        for &t in &self.stars[b as usize] {
+            for other in self.triangles[t as usize] {
+                let met = &mut self.met[other as usize];
+                if other != b && *met != second {
+                    counts[1] += 1;
+                    counts[2] += usize::from(*met == first);
+                    *met = second;
+                }
+            }
+        }
+        counts
     }
 
     /// Which end of an edge goes into the other: the one that leaves the shorter edges
-    fn choose(&self, [a, b]: [u32; 2], mirror: Option<&[u32]>) -> Option<[u32; 2]> {
+    fn choose(&mut self, [a, b]: [u32; 2], mirror: Option<&[u32]>) -> Option<[u32; 2]> {
         let image = |v: u32| mirror.map_or(v, |mirror| mirror[v as usize]);
-        let allowed = |gone: u32, kept: u32| {
-            // What lies on the mirror plane stays on it, and nothing crosses it.
-            let stays = mirror.is_none() || image(gone) != gone || image(kept) == kept;
-            stays && (mirror.is_none() || image(gone) != kept) && self.can_merge(gone, kept)
-        };
         let longest = |gone: u32, kept: u32| {
-            self.neighbors(gone)
-                .into_iter()
+            let star = self.stars[gone as usize].iter();
+            star.flat_map(|&t| self.triangles[t as usize])
+                .filter(|&v| v != gone)
                 .map(|v| self.position(v).distance_squared(self.position(kept)))
                 .fold(0.0, f64::max)
         };
@@ -175,24 +211,25 @@ impl<'a> Collapse<'a> {
         } else {
             [[b, a], [a, b]]
         };
-        order.into_iter().find(|&[gone, kept]| allowed(gone, kept))
+        order.into_iter().find(|&[gone, kept]| {
+            // What lies on the mirror plane stays on it, and nothing crosses it.
+            let stays = mirror.is_none() || image(gone) != gone || image(kept) == kept;
+            stays && (mirror.is_none() || image(gone) != kept) && self.can_merge(gone, kept)
+        })
     }
 
     /// Whether the surface stays manifold and unfolded when one vertex goes into its neighbor
-    fn can_merge(&self, gone: u32, kept: u32) -> bool {
+    fn can_merge(&mut self, gone: u32, kept: u32) -> bool {
         if gone == kept || !self.alive[gone as usize] || !self.alive[kept as usize] {
             return false;
         }
-        let (around_gone, around_kept) = (self.neighbors(gone), self.neighbors(kept));
-        if around_gone.binary_search(&kept).is_err() {
+        let touches = |&t: &u32| self.triangles[t as usize].contains(&kept);
+        if !self.stars[gone as usize].iter().any(touches) {
             return false;
         }
-        let common = around_gone
-            .iter()
-            .filter(|v| around_kept.binary_search(v).is_ok())
-            .count();
+        let [around_gone, around_kept, common] = self.count_neighbors([gone, kept]);
         // The link condition (Dey, Edelsbrunner, Guha, Nekhayev 1999) for closed surfaces
-        if common != 2 || around_gone.len() + around_kept.len() - 4 > MAX_VALENCE {
+        if common != 2 || around_gone + around_kept - 4 > MAX_VALENCE {
             return false;
         }
         self.stars[gone as usize].iter().all(|&t| {
@@ -245,10 +282,23 @@ impl<'a> Collapse<'a> {
             }
             self.went_to[v] = root;
         }
+        // For each remaining vertex the triangles around it and around its neighbors
+        let mut around = Vec::new();
+        let mut wide: Vec<Vec<u32>> = Vec::with_capacity(vertices.len());
+        for &v in &vertices {
+            self.neighbors(v, &mut around);
+            around.push(v);
+            let stars = around.iter().flat_map(|&near| &self.stars[near as usize]);
+            let mut star: Vec<u32> = stars.copied().collect();
+            star.sort_unstable();
+            star.dedup();
+            wide.push(star);
+        }
         let blends = (0..self.alive.len() as u32)
             .into_par_iter()
             .map(|v| {
-                let blend = self.blend(v, self.went_to[v as usize]);
+                let root = self.went_to[v as usize];
+                let blend = self.blend(v, root, &wide[coarse[root as usize] as usize]);
                 Blend {
                     vertices: blend.vertices.map(|v| coarse[v as usize]),
                     ..blend
@@ -268,8 +318,8 @@ impl<'a> Collapse<'a> {
         }
     }
 
-    /// The nearest triangle around the vertex that `v` went into, in fine vertices
-    fn blend(&self, v: u32, root: u32) -> Blend {
+    /// The nearest of some triangles around the vertex that `v` went into, in fine vertices
+    fn blend(&self, v: u32, root: u32, triangles: &[u32]) -> Blend {
         let itself = Blend {
             vertices: [root; 3],
             weights: [1.0, 0.0, 0.0],
@@ -279,23 +329,16 @@ impl<'a> Collapse<'a> {
         }
         let p = self.position(v);
         let mut best = (f64::INFINITY, itself);
-        let mut seen: Vec<u32> = Vec::with_capacity(48);
-        for near in std::iter::once(root).chain(self.neighbors(root)) {
-            for &t in &self.stars[near as usize] {
-                if seen.contains(&t) {
-                    continue;
-                }
-                seen.push(t);
-                let triangle = self.triangles[t as usize];
-                let (weights, distance) =
-                    closest_point(p, triangle.map(|corner| self.position(corner)));
-                if distance < best.0 {
-                    let blend = Blend {
-                        vertices: triangle,
-                        weights,
-                    };
-                    best = (distance, blend);
-                }
+        for &t in triangles {
+            let triangle = self.triangles[t as usize];
+            let (weights, distance) =
+                closest_point(p, triangle.map(|corner| self.position(corner)));
+            if distance < best.0 {
+                let blend = Blend {
+                    vertices: triangle,
+                    weights,
+                };
+                best = (distance, blend);
             }
         }
         best.1

@@ -105,6 +105,8 @@ pub struct FitOptions {
     pub anchors: bool,
     /// Whether the camera is corrected, as far as its prior allows
     pub camera: bool,
+    /// Whether the posed body's silhouettes are held against those of the photos in the end
+    pub overlaps: bool,
     /// The rounds, in order
     pub rounds: Vec<Round>,
 }
@@ -143,6 +145,7 @@ impl Default for FitOptions {
             transfer_mean_pose: true,
             anchors: true,
             camera: true,
+            overlaps: true,
             rounds: rounds
                 .map(|(radius, smoothness, robust)| Round {
                     radius,
@@ -159,6 +162,7 @@ impl FitOptions {
     pub fn trial() -> Self {
         let mut options = Self {
             coarse_count: 1000,
+            overlaps: false,
             ..Self::default()
         };
         options.rounds.truncate(4);
@@ -175,7 +179,8 @@ pub struct Fit {
     pub poses: Vec<Pose>,
     /// Camera of each view, corrected as far as its prior allows
     pub cameras: Vec<Camera>,
-    /// Intersection over union of the posed body's silhouette with that of the photo, for each view
+    /// Intersection over union of the posed body's silhouette with that of the photo, for each view; none when the
+    /// options leave them out
     pub silhouette_ious: Vec<f64>,
     /// How far rim and outlines were apart in the last round (root mean square), in nominal px
     pub residual_px: f64,
@@ -310,9 +315,21 @@ pub fn fit_body(
     options: &FitOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Fit {
+    let outlines = Outlines::trace(views);
+    fit_outlines(avatar, views, &outlines, prior, options, cancelled)
+}
+
+/// The same with outlines that are known
+pub(crate) fn fit_outlines(
+    avatar: &Avatar,
+    views: &[FitView],
+    Outlines(outlines): &Outlines,
+    prior: &FitPrior,
+    options: &FitOptions,
+    cancelled: &(dyn Fn() -> bool + Sync),
+) -> Fit {
     let surface = Surface::new(avatar, options.coarse_count);
     let mut body = Body::new(avatar, &surface);
-    let outlines = trace_outlines(views);
     let mut poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
     let start = views.first().map(|view| view.camera);
     let spread = if options.camera {
@@ -330,11 +347,11 @@ pub fn fit_body(
             if cancelled() {
                 break;
             }
-            let matches = match_views(&body, &views, &outlines, &poses, round.radius);
+            let matches = match_views(&body, &views, outlines, &poses, round.radius);
             let together = step_together(
                 &body,
                 &views,
-                (&outlines, &matches),
+                (outlines, &matches),
                 (&posture, &poses),
                 (start.as_ref(), &spread),
             );
@@ -372,17 +389,11 @@ pub fn fit_body(
         let turned = pose_bones(&body.bone_heads, pose, view.turn);
         pose.shift_mm = turned.carry(Bone::Root, shift);
     }
-    let seen = SilhouetteMesh::new(&fitted.mesh.triangles);
-    let silhouette_ious = views
-        .par_iter()
-        .zip(&poses)
-        .map(|(view, pose)| {
-            let posed = pose_bones(&fitted.bone_heads, pose, view.turn);
-            let positions = posed.skin(&fitted.mesh.positions, &fitted.weights);
-            let coverage = seen.silhouette(&positions, &view.camera);
-            coverage.threshold(0.5).iou(&view.silhouette.threshold(0.5))
-        })
-        .collect();
+    let silhouette_ious = if options.overlaps {
+        overlaps(&fitted, &views, &poses)
+    } else {
+        Vec::new()
+    };
     Fit {
         avatar: fitted,
         silhouette_ious,
@@ -392,37 +403,64 @@ pub fn fit_body(
     }
 }
 
+/// Intersection over union of the posed body's silhouette with that of the photo, for each view
+fn overlaps(fitted: &Avatar, views: &[FitView], poses: &[Pose]) -> Vec<f64> {
+    let mesh = SilhouetteMesh::new(&fitted.mesh.triangles);
+    views
+        .par_iter()
+        .zip(poses)
+        .map(|(view, pose)| {
+            let posed = pose_bones(&fitted.bone_heads, pose, view.turn);
+            let positions = posed.skin(&fitted.mesh.positions, &fitted.weights);
+            let coverage = mesh.silhouette(&positions, &view.camera);
+            coverage.threshold(0.5).iou(&view.silhouette.threshold(0.5))
+        })
+        .collect()
+}
+
 /// How far the undeformed avatar is off the outlines in its best poses (root mean square), in nominal px
 ///
 /// Arguments as of [`fit_body`]; as wide as its first round.
-pub fn rigid_residual(avatar: &Avatar, posture: &Pose, views: &[FitView]) -> f64 {
+pub(crate) fn rigid_residual(
+    avatar: &Avatar,
+    posture: &Pose,
+    views: &[FitView],
+    Outlines(outlines): &Outlines,
+) -> f64 {
     let Some(round) = FitOptions::default().rounds.first().copied() else {
         return f64::INFINITY;
     };
     // Nothing is displaced, so that no coarse mesh is needed.
     let surface = Surface::new(avatar, usize::MAX);
     let body = Body::new(avatar, &surface);
-    let outlines = trace_outlines(views);
     let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
-    let find = |poses: &[Pose]| match_views(&body, views, &outlines, poses, round.radius);
+    let find = |poses: &[Pose]| match_views(&body, views, outlines, poses, round.radius);
     let matches = find(&poses);
     let poses = step_together(
         &body,
         views,
-        (&outlines, &matches),
+        (outlines, &matches),
         (posture, &poses),
         (None, &CameraSpread::default()),
     )
     .poses;
     let matches = find(&poses);
-    let rows = shape_step::rows(&body, views, (&outlines, &matches), &poses, &round);
+    let rows = shape_step::rows(&body, views, (outlines, &matches), &poses, &round);
     shape_step::residual(&rows, &round)
 }
 
-fn trace_outlines(views: &[FitView]) -> Vec<Outline> {
-    let trace =
-        |view: &FitView| Outline::new(view.silhouette, view.stature_px() / NOMINAL_STATURE_PX);
-    views.par_iter().map(trace).collect()
+/// Outlines of the silhouettes of all views, as they are fitted
+///
+/// They follow from silhouettes, cameras and stature, not from poses: several fits can share them.
+#[derive(Debug, Clone)]
+pub(crate) struct Outlines(Vec<Outline>);
+
+impl Outlines {
+    pub(crate) fn trace(views: &[FitView]) -> Self {
+        let trace =
+            |view: &FitView| Outline::new(view.silhouette, view.stature_px() / NOMINAL_STATURE_PX);
+        Self(views.par_iter().map(trace).collect())
+    }
 }
 
 /// Standard deviation of a person's own posture from the figure's, over that of one view's pose from the posture

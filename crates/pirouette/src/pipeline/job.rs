@@ -8,11 +8,11 @@ use rayon::prelude::*;
 
 use crate::avatar::gltf::load_avatar;
 use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
-use crate::avatar::{Avatar, render};
+use crate::avatar::{Avatar, landmarks, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, CarveView, carve, carve_beside_avatar};
 use crate::color::{ColorOptions, ColorView, SurfaceColors, color_surface};
-use crate::fit::{CameraSpread, Fit, FitPrior, OutlineTargets, fit_body};
+use crate::fit::{CameraSpread, Fit, FitPrior, OutlineTargets, Outlines, fit_outlines};
 use crate::measure::{MeasureInput, MeasureView, Measurements, measure};
 use crate::normalize::{
     NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
@@ -314,25 +314,43 @@ impl<'a> Job<'a> {
         self.stage(Stage::Fit, 1, |_| {
             let stature_mm = scan.stature_mm.unwrap_or(bundle.avatar.stature_mm());
             let cancelled = || cancel.cancelled();
-            let start = free
-                .then(|| start::choose_start(scan, bundle, views, stature_mm, &cancelled))
-                .flatten();
             let poses: Vec<Pose> = views.iter().map(|view| bundle.poses[view.index]).collect();
+            let outlines = Outlines::trace(&start::fit_views(bundle, views, &poses, stature_mm));
+            let choose =
+                || start::choose_start(scan, bundle, views, &outlines, stature_mm, &cancelled);
+            let start = free.then(choose).flatten();
             let (avatar, posture, poses) = match &start {
                 Some(start) => (&start.avatar, &start.posture, &start.poses),
                 None => (&bundle.avatar, &bundle.posture, &poses),
             };
-            let fit = fit_body(
-                avatar,
-                &start::fit_views(bundle, views, poses, stature_mm),
-                &FitPrior {
-                    posture: *posture,
-                    stature_mm: Some(stature_mm),
-                    camera: camera_spread(&scan.camera),
-                },
-                &config.fit,
-                &cancelled,
-            );
+            let fit = || {
+                fit_outlines(
+                    avatar,
+                    &start::fit_views(bundle, views, poses, stature_mm),
+                    &outlines,
+                    &FitPrior {
+                        posture: *posture,
+                        stature_mm: Some(stature_mm),
+                        camera: camera_spread(&scan.camera),
+                    },
+                    &config.fit,
+                    &cancelled,
+                )
+            };
+            let marks = || {
+                let figure = &start.as_ref()?.mannequin;
+                Some(landmarks::find(
+                    &figure.mesh,
+                    &figure.weights,
+                    &figure.bone_heads,
+                ))
+            };
+            let (mut fit, marks) = rayon::join(fit, marks);
+            // They name vertices, which stay the same.
+            if let Some((tape_loops, landmarks)) = marks {
+                fit.avatar.tape_loops = tape_loops;
+                fit.avatar.landmarks = landmarks;
+            }
             (fit, start.map(|start| start.figure))
         })
     }

@@ -3,9 +3,9 @@
 use rayon::prelude::*;
 
 use crate::avatar::Avatar;
-use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin, sketch};
+use crate::avatar::mannequin::{MannequinParameters, Sex, sketch, unmarked};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
-use crate::fit::{FitOptions, FitPrior, FitView, fit_body, rigid_residual};
+use crate::fit::{FitOptions, FitPrior, FitView, Outlines, fit_outlines, rigid_residual};
 use crate::pipeline::ViewReport;
 use crate::pose::Pose;
 use crate::scan::{CameraSetup, Scan};
@@ -13,7 +13,9 @@ use crate::scan::{CameraSetup, Scan};
 /// A body to start a fit from
 #[derive(Debug)]
 pub(super) struct Start {
-    /// The mannequin with the person's bone lengths
+    /// The mannequin, without tape loops and landmarks
+    pub(super) mannequin: Avatar,
+    /// The same with the person's bone lengths
     pub(super) avatar: Avatar,
     /// Pose that sway goes about
     pub(super) posture: Pose,
@@ -63,6 +65,7 @@ pub(super) fn choose_start(
     scan: &Scan,
     bundle: &Bundle,
     views: &[ViewReport],
+    outlines: &Outlines,
     stature_mm: f64,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Option<Start> {
@@ -73,9 +76,10 @@ pub(super) fn choose_start(
     };
     let posed = |figure: &Avatar| pose_figure(scan, bundle, views, figure, stature_mm);
     let (avatar, posture, poses) = posed(&sketch(&parameters).ok()?)?;
-    let rough = fit_body(
+    let rough = fit_outlines(
         &avatar,
         &fit_views(bundle, views, &poses, stature_mm),
+        outlines,
         &FitPrior {
             posture,
             stature_mm: Some(stature_mm),
@@ -95,12 +99,14 @@ pub(super) fn choose_start(
         .filter_map(|sex| {
             let (avatar, posture, poses) = posed(&sketch(&of(sex)).ok()?)?;
             let views = fit_views(bundle, views, &poses, stature_mm);
-            Some((rigid_residual(&avatar, &posture, &views), sex))
+            Some((rigid_residual(&avatar, &posture, &views, outlines), sex))
         })
         .collect();
     let (_, sex) = residuals.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let (avatar, posture, poses) = posed(&mannequin(&of(sex)).ok()?)?;
+    let mannequin = unmarked(&of(sex)).ok()?;
+    let (avatar, posture, poses) = posed(&mannequin)?;
     Some(Start {
+        mannequin,
         avatar,
         posture,
         poses,

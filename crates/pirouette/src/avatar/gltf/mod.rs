@@ -160,12 +160,8 @@ pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvat
         &avatar.bone_heads,
         bones.eyes,
     );
-    (avatar.tape_loops, avatar.landmarks) = landmarks::find(
-        &avatar.mesh,
-        &avatar.weights,
-        &avatar.bone_heads,
-        &avatar.keypoints,
-    );
+    (avatar.tape_loops, avatar.landmarks) =
+        landmarks::find(&avatar.mesh, &avatar.weights, &avatar.bone_heads);
     Ok(avatar)
 }
 

@@ -18,7 +18,7 @@ use pirouette_geom::TriMesh;
 use super::{Avatar, ReferencePose, TapeLoop};
 use crate::measure::{Girth, Landmark};
 use crate::pose::{Pose, SkinWeight, pose_bones};
-use crate::skeleton::{Bone, Joint};
+use crate::skeleton::Bone;
 use crate::units::TurnAngle;
 use levels::{Levels, STEP, profile};
 pub use slice::Plane;
@@ -82,7 +82,6 @@ pub fn find(
     mesh: &TriMesh,
     weights: &[SkinWeight],
     heads: &[DVec3; Bone::COUNT],
-    _keypoints: &[DVec3; Joint::COUNT],
 ) -> (Vec<TapeLoop>, Vec<(Landmark, u32)>) {
     let Some(body) = Body::new(mesh, weights, heads) else {
         return (Vec::new(), Vec::new());

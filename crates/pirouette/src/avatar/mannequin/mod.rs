@@ -167,14 +167,18 @@ impl MannequinParameters {
 /// # Errors
 /// When a parameter is not a number or out of bounds; no other input fails.
 pub fn mannequin(parameters: &MannequinParameters) -> Result<Avatar, MannequinError> {
-    let mut avatar = build_figure(parameters, 1.0)?;
-    (avatar.tape_loops, avatar.landmarks) = landmarks::find(
-        &avatar.mesh,
-        &avatar.weights,
-        &avatar.bone_heads,
-        &avatar.keypoints,
-    );
+    let mut avatar = unmarked(parameters)?;
+    (avatar.tape_loops, avatar.landmarks) =
+        landmarks::find(&avatar.mesh, &avatar.weights, &avatar.bone_heads);
     Ok(avatar)
+}
+
+/// Builds the mannequin without tape loops and landmarks, for those who look for them elsewhere or later
+///
+/// # Errors
+/// As [`mannequin`].
+pub(crate) fn unmarked(parameters: &MannequinParameters) -> Result<Avatar, MannequinError> {
+    build_figure(parameters, 1.0)
 }
 
 /// Builds the mannequin on a coarse mesh, without tape loops and landmarks, in a quarter of the time
