@@ -5,11 +5,12 @@
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
-use faer::sparse::linalg::SupernodalThreshold;
+use faer::perm::PermRef;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
     factorize_symbolic_cholesky,
 };
+use faer::sparse::linalg::{SupernodalThreshold, amd};
 use faer::sparse::{SparseColMat, SparseColMatRef, SymbolicSparseColMat, Triplet};
 use faer::{Conj, Mat, Par, Side};
 use glam::{DMat3, DVec2, DVec3};
@@ -131,6 +132,33 @@ impl std::fmt::Debug for BlockSolver {
     }
 }
 
+/// An order of elimination that fills in little, for the unknowns of points whose blocks are given, and its inverse
+///
+/// Ordering the points takes a ninth of the entries that ordering their unknowns does. `None` when memory runs out.
+fn order_points(first: &[usize], rows: &[u32]) -> Option<[Vec<usize>; 2]> {
+    let points = first.len() - 1;
+    let rows: Vec<usize> = rows.iter().map(|&row| row as usize).collect();
+    let scratch = amd::order_scratch::<usize>(points, rows.len());
+    let pattern = SymbolicSparseColMat::new_checked(points, points, first.to_vec(), None, rows);
+    let (mut forward, mut inverse) = (vec![0; points], vec![0; points]);
+    let mut memory = MemBuffer::try_new(scratch).ok()?;
+    amd::order(
+        &mut forward,
+        &mut inverse,
+        pattern.as_ref(),
+        amd::Control::default(),
+        MemStack::new(&mut memory),
+    )
+    .ok()?;
+    let of_unknowns = |order: Vec<usize>| {
+        let each = order
+            .into_iter()
+            .flat_map(|p| (0..3).map(move |k| 3 * p + k));
+        each.collect()
+    };
+    Some([forward, inverse].map(of_unknowns))
+}
+
 impl BlockSolver {
     /// Analyzes the pattern: `pairs` names the points that share a block, in any order, repeats allowed
     ///
@@ -170,10 +198,11 @@ impl BlockSolver {
         let entries = vec![0.0; row_indices.len()];
         let matrix =
             SymbolicSparseColMat::new_checked(size, size, column_starts, None, row_indices);
+        let [forward, inverse] = order_points(&first, &rows)?;
         let symbolic = factorize_symbolic_cholesky(
             matrix.as_ref(),
             Side::Lower,
-            SymmetricOrdering::Amd,
+            SymmetricOrdering::Custom(PermRef::new_checked(&forward, &inverse, size)),
             CholeskySymbolicParams::default(),
         )
         .ok()?;
