@@ -95,7 +95,7 @@ impl ColorModel {
     ///
     /// # Panics
     /// When `colors` and `out` differ in length.
-    pub fn log_densities(&self, colors: &[[u8; 3]], out: &mut [f32]) {
+    pub fn log_densities<T: Copy + Into<f32>>(&self, colors: &[[T; 3]], out: &mut [f32]) {
         assert_eq!(colors.len(), out.len(), "one density per color");
         let mut parts = [[0.0_f32; LANES]; MAX_COMPONENTS];
         for (colors, out) in colors.chunks(LANES).zip(out.chunks_mut(LANES)) {
@@ -170,11 +170,11 @@ impl Gaussian {
 }
 
 /// Colors as three planes of numbers; unused lanes are black
-fn to_planes(colors: &[[u8; 3]]) -> [[f32; LANES]; 3] {
+fn to_planes<T: Copy + Into<f32>>(colors: &[[T; 3]]) -> [[f32; LANES]; 3] {
     let mut planes = [[0.0; LANES]; 3];
     for (lane, color) in colors.iter().enumerate() {
         for channel in 0..3 {
-            planes[channel][lane] = f32::from(color[channel]);
+            planes[channel][lane] = color[channel].into();
         }
     }
     planes

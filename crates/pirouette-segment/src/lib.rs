@@ -11,6 +11,7 @@
 pub mod band;
 pub mod border;
 pub mod color_model;
+mod color_table;
 pub mod grabcut;
 pub mod links;
 mod log_domain;

@@ -9,11 +9,12 @@ use rayon::prelude::*;
 
 use crate::border::{soft_border, tidy_soft};
 use crate::color_model::{ColorModel, ColorModelOptions};
+use crate::color_table::{ColorCells, ColorTable, ModelPair};
 use crate::grabcut::{GrabCutError, check_size};
 use crate::links::{Contrast, contrast_scale};
 use crate::plate::{BackgroundPlate, PlateOptions};
 use crate::seeds::{LogOdds, Seed};
-use crate::view_cut::{Evidence, ModelPair, cut_view};
+use crate::view_cut::{Evidence, cut_view};
 
 /// One photo with what is known of it beforehand
 #[derive(Debug, Clone, Copy)]
@@ -124,13 +125,14 @@ pub fn segment_scene(
         .par_iter()
         .map(|view| ViewState::new(view, options))
         .collect();
+    let cells = ColorCells::new(views.par_iter().map(|view| (view.photo, view.seeds)));
     let mut plate_used = false;
     for pass in 0..options.passes.max(1) {
         let first = pass == 0;
         let margin = (!first).then_some(PLATE_MARGIN_PX);
         let plates = Plates::estimate(views, &states, options, margin);
         plate_used = plates.any();
-        let models = Models::fit(views, &states, first.then_some(&plates), options);
+        let models = Models::fit(views, &states, first.then_some(&plates), &cells, options);
         let next: Vec<Option<Result<Mask, GrabCutError>>> = views
             .par_iter()
             .zip(&states)
@@ -141,9 +143,9 @@ pub fn segment_scene(
                     return Some(Err(GrabCutError::Cancelled));
                 }
                 let plate = plates.of(index);
-                Some(models.of(index).map(|models| {
+                Some(models.of(index).map(|table| {
                     let evidence = Evidence {
-                        models,
+                        table,
                         plate,
                         color_limit: options.color_limit,
                         mask: (!first).then_some(&state.mask),
@@ -304,18 +306,19 @@ fn outside(near: &Mask, seeds: &Grid<Seed>) -> Mask {
     Mask::from_vec(near.width(), near.height(), values)
 }
 
-/// One pair for all views, or one for each
-enum Models {
-    Shared(Result<ModelPair, GrabCutError>),
-    Own(Vec<Result<ModelPair, GrabCutError>>),
+/// One pair of color models for all views, or one for each, as tables
+enum Models<'a> {
+    Shared(Result<ColorTable<'a>, GrabCutError>),
+    Own(Vec<Result<ColorTable<'a>, GrabCutError>>),
 }
 
-impl Models {
+impl<'a> Models<'a> {
     /// With `plates`, what they explain is no sample of the person
     fn fit(
         views: &[SceneView],
         states: &[Result<ViewState, GrabCutError>],
         plates: Option<&Plates>,
+        cells: &'a ColorCells,
         options: &SceneOptions,
     ) -> Self {
         let samples: Vec<[Vec<[u8; 3]>; 2]> = views
@@ -331,21 +334,21 @@ impl Models {
             let all = |side: usize| -> Vec<[u8; 3]> {
                 samples.iter().flat_map(|s| &s[side]).copied().collect()
             };
-            Self::Shared(fit_pair(&all(0), &all(1), &options.color_model))
+            let pair = fit_pair(&all(0), &all(1), &options.color_model);
+            Self::Shared(pair.map(|pair| ColorTable::new(&pair, cells)))
         } else {
-            Self::Own(
-                samples
-                    .par_iter()
-                    .map(|[person, background]| fit_pair(person, background, &options.color_model))
-                    .collect(),
-            )
+            let own = samples.par_iter().map(|[person, background]| {
+                let pair = fit_pair(person, background, &options.color_model)?;
+                Ok(ColorTable::new(&pair, cells))
+            });
+            Self::Own(own.collect())
         }
     }
 
-    fn of(&self, view: usize) -> Result<&ModelPair, GrabCutError> {
+    fn of(&self, view: usize) -> Result<&ColorTable<'a>, GrabCutError> {
         match self {
-            Self::Shared(pair) => pair.as_ref().map_err(|error| *error),
-            Self::Own(pairs) => pairs[view].as_ref().map_err(|error| *error),
+            Self::Shared(table) => table.as_ref().map_err(|error| *error),
+            Self::Own(tables) => tables[view].as_ref().map_err(|error| *error),
         }
     }
 }

@@ -7,7 +7,7 @@ use pirouette_geom::{Grid, Mask};
 
 use crate::band::BandCut;
 use crate::border::clean;
-use crate::color_model::ColorModel;
+use crate::color_table::ColorTable;
 use crate::links::Contrast;
 use crate::plate::BackgroundPlate;
 use crate::scene::SceneView;
@@ -21,15 +21,9 @@ const PLATE_SHARE: f32 = 0.95;
 /// 160 rendered photos: 3 and 5 give the same masks as the graph of all pixels.
 const DOUBT_REACH_PX: f64 = 3.0;
 
-/// Color models of person and background
-pub(crate) struct ModelPair {
-    pub(crate) person: ColorModel,
-    pub(crate) background: ColorModel,
-}
-
 /// What one view is cut by
 pub(crate) struct Evidence<'a> {
-    pub(crate) models: &'a ModelPair,
+    pub(crate) table: &'a ColorTable<'a>,
     pub(crate) plate: Option<&'a BackgroundPlate>,
     /// Largest say of one pixel's color, as log odds
     pub(crate) color_limit: f32,
@@ -75,9 +69,10 @@ fn color_odds(view: &SceneView, window: Window, evidence: &Evidence) -> Grid<f32
             let colors = &photo[columns.clone()];
             let odds = &mut odds.row_mut(y)[columns.clone()];
             background.resize(colors.len(), 0.0);
-            evidence.models.person.log_densities(colors, odds);
-            let models = &evidence.models;
-            models.background.log_densities(colors, &mut background);
+            for ((&color, person), background) in colors.iter().zip(&mut *odds).zip(&mut background)
+            {
+                [*person, *background] = evidence.table.log_densities(color);
+            }
             if let Some(plate) = evidence.plate {
                 let at = (window.x0 + columns.start, window.y0 + y);
                 plate.mix_into(at, colors, PLATE_SHARE, &mut background);
