@@ -78,7 +78,23 @@ pub fn dilate(mask: &Mask, radius: f64) -> Mask {
     if radius.is_nan() || radius < 1.0 {
         return mask.clone();
     }
-    within(mask, radius, true)
+    let Some((x0, y0, x1, y1)) = mask.bounding_box() else {
+        return mask.clone();
+    };
+    // nothing changes beyond the reach of the disc
+    let (width, height) = (mask.width(), mask.height());
+    let reach = radius.min((width + height) as f64) as usize + 1;
+    let (x0, y0) = (x0.saturating_sub(reach), y0.saturating_sub(reach));
+    let (x1, y1) = ((x1 + reach).min(width), (y1 + reach).min(height));
+    if (x1 - x0, y1 - y0) == (width, height) {
+        return within(mask, radius, true);
+    }
+    let part = within(&mask.crop(x0, y0, x1 - x0, y1 - y0), radius, true);
+    let mut out = Mask::filled(width, height, false);
+    for y in y0..y1 {
+        out.row_mut(y)[x0..x1].copy_from_slice(part.row(y - y0));
+    }
+    out
 }
 
 /// Removes every pixel whose center is at most `radius` px from a pixel outside

@@ -92,9 +92,6 @@ pub struct SceneResult {
 /// In later passes the plate takes what is this far outside the last mask, in px of a person of 800 px
 const PLATE_MARGIN_PX: f64 = 6.0;
 
-/// The same for the final plate, which unmixes the border
-const FINAL_PLATE_MARGIN_PX: f64 = 4.0;
-
 /// In the first pass, odds of less than this leave a pixel in doubt
 ///
 /// 160 rendered photos: 6 and 4 give the masks of the graph of all pixels, 3 loses some of them.
@@ -126,12 +123,11 @@ pub fn segment_scene(
         .map(|view| ViewState::new(view, options))
         .collect();
     let cells = ColorCells::new(views.par_iter().map(|view| (view.photo, view.seeds)));
-    let mut plate_used = false;
+    let mut plates = Plates::none(views.len());
     for pass in 0..options.passes.max(1) {
         let first = pass == 0;
         let margin = (!first).then_some(PLATE_MARGIN_PX);
-        let plates = Plates::estimate(views, &states, options, margin);
-        plate_used = plates.any();
+        plates = Plates::estimate(views, &states, options, margin);
         let models = Models::fit(views, &states, first.then_some(&plates), &cells, options);
         let next: Vec<Option<Result<Mask, GrabCutError>>> = views
             .par_iter()
@@ -168,11 +164,6 @@ pub fn segment_scene(
             }
         }
     }
-    let plates = if options.unmix_border {
-        Plates::estimate(views, &states, options, Some(FINAL_PLATE_MARGIN_PX))
-    } else {
-        Plates::none(views.len())
-    };
     let masks = views
         .par_iter()
         .zip(states)
@@ -185,7 +176,10 @@ pub fn segment_scene(
             Ok(finish(view, state, plates.of(index), options))
         })
         .collect();
-    SceneResult { masks, plate_used }
+    SceneResult {
+        masks,
+        plate_used: plates.any(),
+    }
 }
 
 /// What changes from pass to pass
