@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-BINARIES = Path("target/release")
+BINARIES = Path(os.environ.get("BINARIES", "target/release"))
 SIZES = [(400, 500), (800, 1000), (1600, 2000), (3100, 3872)]
 VIEW_COUNTS = [4, 8, 16, 36, 72]
 RUNS = 3

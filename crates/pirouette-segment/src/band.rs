@@ -1,5 +1,7 @@
 //! The cut through the undecided band of one photo.
 
+use std::ops::Range;
+
 use pirouette_geom::{Grid, Mask};
 
 use crate::links::{Contrast, LinkRows, RowLinks};
@@ -113,6 +115,25 @@ impl BandCut {
     }
 }
 
+/// Stretches of two rows that hold all undecided pixels and those beside them; short gaps are not worth a new one
+fn linked_columns(row: &[Seed], below: &[Seed], columns: &mut Vec<Range<usize>>) {
+    const GAP: usize = 16;
+    columns.clear();
+    for (x, (seed, below)) in row.iter().zip(below).enumerate() {
+        if !(seed.undecided() || below.undecided()) {
+            continue;
+        }
+        match columns.last_mut() {
+            Some(last) if x <= last.end + GAP => last.end = x + 1,
+            _ => columns.push(x..x + 1),
+        }
+    }
+    for columns in columns {
+        columns.start = columns.start.saturating_sub(1);
+        columns.end += 1;
+    }
+}
+
 fn capacity(energy: f32) -> i32 {
     // a cast cuts off, and takes NaN to zero
     let scaled = energy.clamp(-MAX_ENERGY, MAX_ENERGY) * CAPACITY_SCALE;
@@ -123,10 +144,13 @@ fn capacity(energy: f32) -> i32 {
 fn link(cut: &mut GridCut, seeds: &Grid<Seed>, window: Window, mut rows: LinkRows) {
     let mut above = RowLinks::new(window.width);
     let mut current = above.clone();
+    let mut columns = Vec::new();
     let mut node = 0;
     for y in 0..window.height {
-        rows.read(&mut current);
         let row = window.row(seeds, y);
+        let below = (y + 1 < window.height).then(|| window.row(seeds, y + 1));
+        linked_columns(row, below.unwrap_or(row), &mut columns);
+        rows.read(&columns, &mut current);
         for (x, _) in row.iter().enumerate().filter(|(_, seed)| seed.undecided()) {
             // links begin at the first pixel of a pair; rows of links begin one before the pixels
             let energies = [

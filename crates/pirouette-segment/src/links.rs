@@ -1,5 +1,7 @@
 //! What it costs to part neighboring pixels, whole rows at a time.
 
+use std::ops::Range;
+
 use pirouette_geom::Grid;
 
 use crate::log_domain::exp_of_negative;
@@ -72,7 +74,10 @@ impl<'a> LinkRows<'a> {
     }
 
     /// Fills in the links of the next row; those of the last row lead to the right only
-    pub(crate) fn read(&mut self, links: &mut RowLinks) {
+    ///
+    /// `columns` are those of the window whose pixels have links that anyone asks for, in this row or from the row
+    /// below, in ascending order and apart from each other. Other links may be anything.
+    pub(crate) fn read(&mut self, columns: &[Range<usize>], links: &mut RowLinks) {
         std::mem::swap(&mut self.current, &mut self.next);
         let (width, last) = (self.window.width, self.window.height - 1);
         let Contrast {
@@ -81,22 +86,44 @@ impl<'a> LinkRows<'a> {
             plate,
         } = self.contrast;
         let diagonal = smoothness / std::f32::consts::SQRT_2;
-        let (all, fewer) = (1..=width, 1..width);
-        let (current, next) = (&self.current, &mut self.next);
-        current.link(
-            0,
-            current,
-            1,
-            smoothness,
-            beta,
-            &mut links.right[fewer.clone()],
-        );
         if self.y < last {
-            next.read(self.photo, plate, self.window, self.y + 1);
-            current.link(0, next, 0, smoothness, beta, &mut links.below[all]);
-            current.link(0, next, 1, diagonal, beta, &mut links.below_right[fewer]);
-            current.link(1, next, 0, diagonal, beta, &mut links.below_left[2..=width]);
-        } else {
+            self.next.read(self.photo, plate, self.window, self.y + 1);
+        }
+        let (current, next) = (&self.current, &self.next);
+        for columns in columns {
+            // pairs that begin one before the first column have their second pixel there
+            let (start, end) = (columns.start.saturating_sub(1), columns.end.min(width));
+            let (all, fewer) = (1 + start..1 + end, 1 + start..1 + end.min(width - 1));
+            current.link(
+                start,
+                current,
+                start + 1,
+                smoothness,
+                beta,
+                &mut links.right[fewer.clone()],
+            );
+            if self.y < last {
+                let left = start.max(1)..(end + 1).min(width);
+                current.link(start, next, start, smoothness, beta, &mut links.below[all]);
+                current.link(
+                    start,
+                    next,
+                    start + 1,
+                    diagonal,
+                    beta,
+                    &mut links.below_right[fewer],
+                );
+                current.link(
+                    left.start,
+                    next,
+                    left.start - 1,
+                    diagonal,
+                    beta,
+                    &mut links.below_left[1 + left.start..1 + left.end],
+                );
+            }
+        }
+        if self.y == last {
             for below in [
                 &mut links.below,
                 &mut links.below_right,
@@ -302,7 +329,7 @@ mod tests {
             let mut rows = LinkRows::new(&photo, window, contrast);
             let mut links = RowLinks::new(window.width);
             for y in 0..window.height {
-                rows.read(&mut links);
+                rows.read(&[0..window.width], &mut links);
                 for x in 0..window.width {
                     let at = |x, y| (window.x0 + x, window.y0 + y);
                     let pair = |x1: usize, y1: usize| {
