@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use glam::DVec3;
-use pirouette_geom::Grid;
+use pirouette_geom::Mask;
 use rayon::prelude::*;
 
 use crate::avatar::Avatar;
@@ -25,6 +25,9 @@ use crate::units::TurnAngle;
 
 /// Bodies in the contact sheet are drawn at this part of the photo's size: tiles are no larger
 const BODY_SCALE: f64 = 0.4;
+
+/// The same for references, whose outlines are compared
+const REFERENCE_SCALE: f64 = 0.6;
 
 /// And in the picture of residuals
 const SEEN_SCALE: f64 = 0.6;
@@ -79,7 +82,10 @@ pub(super) fn draw_contact_sheet(
             let seen = bundle.map(|b| (b.cameras[found.index], b.turns[found.index]));
             let reference = reference.zip(of_reference.as_ref()).zip(seen);
             let reference = reference.map(|((mesh, edges), (camera, turn))| {
-                edges.silhouette(&turned(&mesh.positions, turn), &camera)
+                edges.silhouette(
+                    &turned(&mesh.positions, turn),
+                    &small(&camera, REFERENCE_SCALE),
+                )
             });
             let camera = seen.map(|(camera, turn)| (small(&camera, BODY_SCALE), turn));
             // A fitted body can stand as in the photo, to be held against it.
@@ -125,19 +131,20 @@ pub(super) fn draw_residuals(
     mesh: Option<&SilhouetteMesh>,
 ) -> Option<Photo> {
     let (bundle, fit, mesh) = (report.bundle.as_ref()?, report.fit.as_ref()?, mesh?);
-    let coverages: Vec<Grid<f32>> = report
+    let silhouettes: Vec<Mask> = report
         .views
         .par_iter()
         .zip(&fit.poses)
         .map(|(found, pose)| {
             let positions = posed(fit, pose, bundle.turns[found.index]);
-            mesh.silhouette(&positions, &bundle.cameras[found.index])
+            let coverage = mesh.silhouette(&positions, &bundle.cameras[found.index]);
+            coverage.threshold(0.5)
         })
         .collect();
     let views: Vec<ResidualView> = report
         .views
         .iter()
-        .zip(&coverages)
+        .zip(&silhouettes)
         .map(|(found, body)| {
             let (view, camera) = (
                 &loaded.scan.views[found.index],
@@ -167,15 +174,16 @@ pub(super) fn draw_residuals(
             let positions = turned(&fit.avatar.mesh.positions, turn);
             let camera = small(camera, SEEN_SCALE);
             let picture = render::shade(mesh, &positions, Some(&counts), &camera);
-            seen.push((label, picture, mesh.silhouette(&positions, &camera)));
+            let silhouette = mesh.silhouette(&positions, &camera).threshold(0.5);
+            seen.push((label, picture, silhouette));
         }
     }
     let seen: Vec<SeenBody> = seen
         .iter()
-        .map(|(label, picture, coverage)| SeenBody {
+        .map(|(label, picture, silhouette)| SeenBody {
             label,
             picture,
-            coverage,
+            silhouette,
         })
         .collect();
     Some(residual_sheet(&views, &seen, views.len()))

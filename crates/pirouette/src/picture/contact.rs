@@ -23,7 +23,7 @@ pub struct ContactView<'a> {
     pub mask: Option<&'a Mask>,
     /// The pose-normalized silhouette
     pub normalized: Option<&'a Mask>,
-    /// Coverage of the reference at that angle
+    /// Coverage of the reference at that angle; of any size
     pub reference: Option<&'a Grid<f32>>,
     /// The reconstructed body as seen in this view
     pub body: Option<&'a Photo>,
@@ -154,10 +154,10 @@ fn compare(
         .or(reference.map(|r| (r.width(), r.height())))?;
     let draw = |y: usize, columns: Range<usize>, row: &mut [Color]| {
         let ours = normalized.map(|mask| mask.row(y));
-        let theirs = reference.filter(|r| y < r.height()).map(|r| r.row(y));
+        let theirs = reference.map(|r| (r.row(y * r.height() / size.1), r.width()));
         for (x, color) in columns.zip(row) {
             let ours = ours.is_some_and(|mask| mask[x]);
-            let covered = theirs.and_then(|row| row.get(x)).copied().unwrap_or(0.0);
+            let covered = theirs.map_or(0.0, |(row, width)| row[x * width / size.0]);
             let (without, with) = if ours {
                 (ONLY_NORMALIZED, BOTH)
             } else {

@@ -1,9 +1,9 @@
 //! How well the fitted body explains each photo, and how many photos tell of each part of it.
 
 use glam::DVec2;
-use pirouette_geom::Grid;
 use pirouette_geom::contour::trace_outline;
 use pirouette_geom::distance_map::{bilinear, signed_distance};
+use pirouette_geom::{Grid, Mask};
 use rayon::prelude::*;
 
 use super::canvas::{self, Color, Crop, PixelBox, mix, paste, shrink, sized_box, stroke, tint_box};
@@ -21,8 +21,8 @@ pub struct ResidualView<'a> {
     pub photo: &'a Photo,
     /// Soft silhouette in the photo
     pub silhouette: &'a Grid<f32>,
-    /// Coverage of the fitted body in the pose of this view
-    pub body: &'a Grid<f32>,
+    /// Silhouette of the fitted body in the pose of this view
+    pub body: &'a Mask,
     /// Size of a pixel at the turning axis
     pub mm_per_px: f64,
 }
@@ -34,8 +34,8 @@ pub struct SeenBody<'a> {
     pub label: &'a str,
     /// Picture by the camera of the views
     pub picture: &'a Photo,
-    /// Coverage of the body in it
-    pub coverage: &'a Grid<f32>,
+    /// Silhouette of the body in it
+    pub silhouette: &'a Mask,
 }
 
 const TILE_HEIGHT_PX: usize = 480;
@@ -73,9 +73,13 @@ const DIMMED: f64 = 0.45;
 /// White is on the body's outline, blue inside of it (the body is too large there), red outside. Distances are taken to
 /// the body's pixels, so they are good to half a pixel. `view_count` is the largest count in the bodies' legend.
 pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: usize) -> Photo {
-    let silhouettes = views.iter().flat_map(|v| [v.silhouette, v.body]);
-    let coverages = silhouettes.chain(bodies.iter().map(|body| body.coverage));
-    let crop = Crop::around(coverages.filter_map(|soft| sized_box(&soft.threshold(0.5))));
+    let persons: Vec<Mask> = views
+        .par_iter()
+        .map(|view| view.silhouette.threshold(0.5))
+        .collect();
+    let masks = persons.iter().chain(views.iter().map(|view| view.body));
+    let masks = masks.chain(bodies.iter().map(|body| body.silhouette));
+    let crop = Crop::around(masks.filter_map(sized_box));
     let sizes = views.iter().map(|v| v.photo);
     let tile_width = crop.tile_width(
         sizes.chain(bodies.iter().map(|b| b.picture)),
@@ -92,8 +96,9 @@ pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: u
 
     let tiles: Vec<_> = views
         .par_iter()
-        .map(|view| {
-            let (tile, mean_mm) = tile(view, crop, tile_width);
+        .zip(&persons)
+        .map(|(view, person)| {
+            let (tile, mean_mm) = tile(view, person, crop, tile_width);
             let title = format!("{} {:.0}°", view.name, view.turn.degrees());
             (tile, title, mean_mm.map(|mm| format!("{mm:.1} mm")))
         })
@@ -118,7 +123,7 @@ pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: u
 }
 
 /// The dimmed photo with its outline, and the mean distance of the outline, in mm
-fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f64>) {
+fn tile(view: &ResidualView, person: &Mask, crop: Crop, tile_width: usize) -> (Photo, Option<f64>) {
     let mut tile = shrink(view.photo, crop, tile_width, TILE_HEIGHT_PX);
     for pixel in tile.as_mut_slice() {
         mix(pixel, DARK, 1.0 - DIMMED);
@@ -133,14 +138,14 @@ fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f6
         part / wide * DVec2::new(tile_width as f64, TILE_HEIGHT_PX as f64)
     };
     // All else is far from both.
-    let masks = [view.silhouette, view.body].map(|soft| soft.threshold(0.5));
-    let boxes = masks.iter().filter_map(|mask| mask.bounding_box());
+    let boxes = [person, view.body].into_iter();
+    let boxes = boxes.filter_map(|mask| mask.bounding_box());
     let (x0, y0, x1, y1) = boxes
         .reduce(|a, b| (a.0.min(b.0), a.1.min(b.1), a.2.max(b.2), a.3.max(b.3)))
         .unwrap_or_default();
     let (x0, y0) = (x0.saturating_sub(MARGIN_PX), y0.saturating_sub(MARGIN_PX));
     let part = (x0, y0, x1 + MARGIN_PX, y1 + MARGIN_PX);
-    let distance_px = signed_distance(&part_of(&masks[1], part));
+    let distance_px = signed_distance(&part_of(view.body, part));
     let silhouette = part_of(view.silhouette, part);
     let corner = DVec2::new(x0 as f64, y0 as f64);
     let mut steps = vec![Vec::new(); 2 * COLOR_STEPS as usize + 1];
@@ -284,10 +289,11 @@ mod tests {
             turn: TurnAngle::from_degrees(45.0),
             photo: &photo,
             silhouette: &upright(left),
-            body: &upright(body_left),
+            body: &upright(body_left).threshold(0.5),
             mm_per_px: 2.0,
         };
-        let (tile, mean_mm) = tile(&view, Crop::WHOLE, 240);
+        let person = view.silhouette.threshold(0.5);
+        let (tile, mean_mm) = tile(&view, &person, Crop::WHOLE, 240);
         let blue = count(&tile, |r, b| b > r + 60);
         let red = count(&tile, |r, b| r > b + 60);
         (blue, red, mean_mm)
@@ -309,7 +315,7 @@ mod tests {
     #[test]
     fn sheets_hold_all_tiles_and_legends() {
         let photo = Photo::filled(100, 200, [9, 200, 9]);
-        let (silhouette, body) = (upright(30), upright(35));
+        let (silhouette, body) = (upright(30), upright(35).threshold(0.5));
         let view = ResidualView {
             name: "view",
             turn: TurnAngle::default(),
@@ -321,7 +327,7 @@ mod tests {
         let seen = SeenBody {
             label: "front",
             picture: &photo,
-            coverage: &body,
+            silhouette: &body,
         };
         let few = residual_sheet(&[view; 3], &[seen; 2], 3);
         let many = residual_sheet(&[view; 8], &[seen; 2], 8);
@@ -354,7 +360,7 @@ mod tests {
                 turn: TurnAngle::from_degrees(f64::NAN),
                 photo,
                 silhouette,
-                body,
+                body: &body.threshold(0.5),
                 mm_per_px: f64::NAN,
             };
             assert!(residual_sheet(&[view], &[], 1).width() > 0);

@@ -17,12 +17,7 @@ static WOMAN: LazyLock<Avatar> = LazyLock::new(|| {
 type Found = (Vec<TapeLoop>, Vec<(Landmark, u32)>);
 
 fn find_on(avatar: &Avatar) -> Found {
-    find(
-        &avatar.mesh,
-        &avatar.weights,
-        &avatar.bone_heads,
-        &avatar.keypoints,
-    )
+    find(&avatar.mesh, &avatar.weights, &avatar.bone_heads)
 }
 
 fn loop_of(found: &Found, girth: Girth) -> &TapeLoop {
@@ -260,17 +255,16 @@ fn level_arms_do_not_reach_the_bust() {
 #[test]
 fn what_is_not_there_gives_no_loop() {
     let heads = &WOMAN.bone_heads;
-    let keypoints = &WOMAN.keypoints;
-    let (loops, landmarks) = find(&TriMesh::default(), &[], heads, keypoints);
+    let (loops, landmarks) = find(&TriMesh::default(), &[], heads);
     assert!(loops.is_empty() && landmarks.is_empty());
     let lost = [DVec3::NAN; Bone::COUNT];
-    let (loops, _) = find(&WOMAN.mesh, &WOMAN.weights, &lost, keypoints);
+    let (loops, _) = find(&WOMAN.mesh, &WOMAN.weights, &lost);
     assert!(loops.iter().all(|t| t.vertices.len() >= 3));
     let flat = TriMesh {
         positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
         triangles: vec![[0, 1, 2]],
     };
     let weights = [SkinWeight::rigid(Bone::Root); 3];
-    let (loops, _) = find(&flat, &weights, heads, keypoints);
+    let (loops, _) = find(&flat, &weights, heads);
     assert!(loops.is_empty());
 }
