@@ -67,6 +67,7 @@ pub fn fill_edges(width: usize, height: usize, edges: &[[DVec2; 2]]) -> Grid<f32
 
     for (y, &start_count) in starts.iter().enumerate() {
         active.extend(waiting.by_ref().take(start_count));
+        let mut in_order = start_count == 0;
         if active.is_empty() {
             continue;
         }
@@ -81,8 +82,14 @@ pub fn fill_edges(width: usize, height: usize, edges: &[[DVec2; 2]]) -> Grid<f32
             for edge in &mut active {
                 edge.x = edge.x_at_top + (middle - edge.top) * edge.dx_dy;
             }
-            // Edges keep their order from slab to slab but for a few, so insertion sort is nearly free
-            insertion_sort(&mut active);
+            // Edges keep their order from slab to slab but for a few, so insertion sort is nearly free; new ones are
+            // merged in first.
+            if in_order {
+                insertion_sort(&mut active);
+            } else {
+                active.sort_by(|a, b| a.x.total_cmp(&b.x));
+                in_order = true;
+            }
             crossings.extend(
                 active
                     .iter()

@@ -83,9 +83,40 @@ const BRICK_CORNERS: usize = BRICK as usize + 1;
 /// Vertices keep this part of an edge from its ends, so that no triangle shrinks to a point
 const MIN_EDGE_PART: f64 = 1e-3;
 
+/// A scalar field that may be simpler near a place than as a whole
+pub trait Field: Sync {
+    /// What is left of the field near a place
+    type Part: Copy + Send + Sync;
+
+    /// The field everywhere
+    fn whole(&self) -> Self::Part;
+
+    /// The value at a point where the part holds
+    fn value(&self, point: DVec3, part: Self::Part) -> f64;
+
+    /// The value at the center of a ball in which `of` holds, and a part that holds in the ball
+    ///
+    /// Values of the part are those of the whole field.
+    fn near(&self, center: DVec3, radius: f64, of: Self::Part) -> (f64, Self::Part);
+}
+
+impl<F: Fn(DVec3) -> f64 + Sync> Field for F {
+    type Part = ();
+
+    fn whole(&self) {}
+
+    fn value(&self, point: DVec3, _part: ()) -> f64 {
+        self(point)
+    }
+
+    fn near(&self, center: DVec3, _radius: f64, _of: ()) -> (f64, ()) {
+        (self(center), ())
+    }
+}
+
 /// Extracts the surface where `field` changes its sign; an empty mesh when it does not
 ///
-/// A field value of zero or NaN counts as outside.
+/// A field value of zero or NaN counts as outside. Closures are fields.
 ///
 /// # Errors
 /// When the options describe no grid.
@@ -106,8 +137,12 @@ const MIN_EDGE_PART: f64 = 1e-3;
 /// assert!((ball.volume() - 4.19).abs() < 0.04);
 /// # Ok::<(), pirouette_geom::isosurface::SurfaceError>(())
 /// ```
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "closures are written where they are handed over"
+)]
 pub fn extract_surface(
-    field: impl Fn(DVec3) -> f64 + Sync,
+    field: impl Field,
     options: &SurfaceOptions,
 ) -> Result<TriMesh, SurfaceError> {
     let grid = Lattice::new(&field, options)?;
@@ -154,7 +189,7 @@ struct Lattice<'a, F> {
     counts: [u32; 3],
 }
 
-impl<'a, F: Fn(DVec3) -> f64 + Sync> Lattice<'a, F> {
+impl<'a, F: Field> Lattice<'a, F> {
     fn new(field: &'a F, options: &SurfaceOptions) -> Result<Self, SurfaceError> {
         let SurfaceOptions {
             lo,
@@ -194,8 +229,18 @@ impl<'a, F: Fn(DVec3) -> f64 + Sync> Lattice<'a, F> {
     }
 
     /// Field value at a corner; what cannot be inside is made positive
-    fn value(&self, corner: [u32; 3]) -> f64 {
-        let value = (self.field)(self.position(corner));
+    fn value(&self, corner: [u32; 3], part: F::Part) -> f64 {
+        self.bounded(corner, self.field.value(self.position(corner), part))
+    }
+
+    /// The value at the corner in the middle of a cube of `size` cells, and the part of the field in the cube
+    fn middle(&self, corner: [u32; 3], size: u32, of: F::Part) -> (f64, F::Part) {
+        let radius = f64::from(size) * self.cell_size * 3f64.sqrt() / 2.0;
+        let (value, part) = self.field.near(self.position(corner), radius, of);
+        (self.bounded(corner, value), part)
+    }
+
+    fn bounded(&self, corner: [u32; 3], value: f64) -> f64 {
         let on_border = (0..3).any(|a| corner[a] == 0 || corner[a] >= self.counts[a]);
         if value.is_nan() {
             self.cell_size
@@ -224,7 +269,10 @@ impl<'a, F: Fn(DVec3) -> f64 + Sync> Lattice<'a, F> {
             let half = size / 2;
             blocks = blocks
                 .par_iter()
-                .filter(|&&origin| self.may_cut(origin, size, self.value(origin.map(|o| o + half))))
+                .filter(|&&origin| {
+                    let center = self.value(origin.map(|o| o + half), self.field.whole());
+                    self.may_cut(origin, size, center)
+                })
                 .flat_map_iter(|&origin| {
                     (0..8).map(move |child| offset(origin, cube_corner(child), half))
                 })
@@ -273,33 +321,36 @@ impl Brick {
         x + BRICK_CORNERS * (y + BRICK_CORNERS * z)
     }
 
-    fn value<F: Fn(DVec3) -> f64 + Sync>(&mut self, grid: &Lattice<F>, local: [u32; 3]) -> f64 {
-        let slot = Self::slot(local);
+    fn value<F: Field>(&mut self, grid: &Lattice<F>, local: [u32; 3], part: F::Part) -> f64 {
+        match self.values.get(Self::slot(local)) {
+            Some(&value) if !value.is_nan() => f64::from(value),
+            _ => self.keep(local, grid.value(offset(self.origin, local, 1), part)),
+        }
+    }
+
+    /// Keeps the value of a corner; hands it back as it is kept
+    fn keep(&mut self, local: [u32; 3], value: f64) -> f64 {
         if self.values.is_empty() {
             self.values.resize(BRICK_CORNERS.pow(3), f32::NAN);
         }
-        if self.values[slot].is_nan() {
-            // Bounded so that interpolation between two corners stays finite
-            let bound = f64::from(f32::MAX) / 4.0;
-            let value = grid.value(offset(self.origin, local, 1));
-            // Rounding to f32 must not turn a tiny negative value into zero, which is outside.
-            let rounded = value.clamp(-bound, bound) as f32;
-            self.values[slot] = if value < 0.0 {
-                rounded.min(-f32::MIN_POSITIVE)
-            } else {
-                rounded
-            };
-        }
-        f64::from(self.values[slot])
+        let value = rounded(value);
+        self.values[Self::slot(local)] = value;
+        f64::from(value)
+    }
+
+    /// The part of the field in this brick
+    fn part<F: Field>(&self, grid: &Lattice<F>) -> F::Part {
+        let middle = offset(self.origin, [1; 3], BRICK / 2);
+        grid.middle(middle, BRICK, grid.field.whole()).1
     }
 
     /// Switches on the wanted nodes and follows the surface through the brick
     ///
     /// Returns the nodes of other bricks into which the surface goes on.
-    fn sample<F: Fn(DVec3) -> f64 + Sync>(&mut self, grid: &Lattice<F>) -> Vec<NodeRequest> {
-        let mut queue = match self.wanted {
+    fn sample<F: Field>(&mut self, grid: &Lattice<F>) -> Vec<NodeRequest> {
+        let (mut queue, part) = match self.wanted {
             Wanted::Search => self.search(grid),
-            Wanted::Nodes(nodes) => nodes,
+            Wanted::Nodes(nodes) => (nodes, self.part(grid)),
         };
         let mut requests = Vec::new();
         while queue != 0 {
@@ -311,10 +362,12 @@ impl Brick {
             self.active |= 1 << bit;
             let first = node_corner(bit);
             // The faces evaluate all corners but this one.
-            self.value(grid, offset(first, [1; 3], NODE / 2));
+            let middle = offset(first, [1; 3], NODE / 2);
+            let (value, part) = grid.middle(offset(self.origin, middle, 1), NODE, part);
+            self.keep(middle, value);
             for axis in 0..3 {
                 for side in 0..2 {
-                    if !self.changes_sign(grid, first, axis, side) {
+                    if !self.changes_sign(grid, part, first, axis, side) {
                         continue;
                     }
                     let mut neighbor = offset(self.origin, first, 1);
@@ -338,33 +391,51 @@ impl Brick {
         requests
     }
 
-    /// Nodes near the surface, found from coarse to fine
-    fn search<F: Fn(DVec3) -> f64 + Sync>(&mut self, grid: &Lattice<F>) -> u64 {
-        let center = grid.value(offset(self.origin, [1; 3], BRICK / 2));
+    /// Nodes near the surface, found from coarse to fine, and the part of the field here
+    fn search<F: Field>(&mut self, grid: &Lattice<F>) -> (u64, F::Part) {
+        let middle = offset(self.origin, [1; 3], BRICK / 2);
+        let (center, part) = grid.middle(middle, BRICK, grid.field.whole());
         if !grid.may_cut(self.origin, BRICK, center) {
-            return 0;
+            return (0, part);
         }
         let mut found = 0;
         let mut blocks = vec![([0; 3], BRICK)];
         while let Some((local, size)) = blocks.pop() {
             let half = size / 2;
-            let center = self.value(grid, local.map(|v| v + half));
+            let center = self.value(grid, local.map(|v| v + half), part);
             if !grid.may_cut(offset(self.origin, local, 1), size, center) {
                 continue;
             }
             if size > NODE {
                 blocks.extend((0..8).map(|child| (offset(local, cube_corner(child), half), half)));
-            } else {
+            } else if self.is_mixed(grid, part, local, center < 0.0) {
                 found |= node_mask(local);
             }
         }
-        found
+        (found, part)
+    }
+
+    /// Whether not all corners of a node are on the side of its center
+    ///
+    /// Surfaces that come in otherwise are followed from where they come.
+    fn is_mixed<F: Field>(
+        &mut self,
+        grid: &Lattice<F>,
+        part: F::Part,
+        first: [u32; 3],
+        inside: bool,
+    ) -> bool {
+        (0..8).any(|corner| {
+            let local = offset(first, cube_corner(corner), NODE);
+            (self.value(grid, local, part) < 0.0) != inside
+        })
     }
 
     /// Whether the corners on one face of a node are partly inside, partly outside
-    fn changes_sign<F: Fn(DVec3) -> f64 + Sync>(
+    fn changes_sign<F: Field>(
         &mut self,
         grid: &Lattice<F>,
+        part: F::Part,
         first: [u32; 3],
         axis: usize,
         side: u32,
@@ -377,28 +448,30 @@ impl Brick {
                 local[axis] += side * NODE;
                 local[b] += u;
                 local[c] += v;
-                inside += u32::from(self.value(grid, local) < 0.0);
+                inside += u32::from(self.value(grid, local, part) < 0.0);
             }
         }
         inside != 0 && inside != (NODE + 1).pow(2)
     }
 
     /// Cuts all cells of the active nodes
-    fn cut<F: Fn(DVec3) -> f64 + Sync>(&self, grid: &Lattice<F>) -> Piece {
+    fn cut<F: Field>(&self, grid: &Lattice<F>) -> Piece {
         let mut piece = Piece::default();
+        let part = self.part(grid);
         let mut vertex_of_edge = vec![u32::MAX; 3 * self.values.len()];
         for bit in (0..u64::BITS).filter(|bit| self.active & (1 << bit) != 0) {
             for child in 0..8 {
                 let cell = offset(node_corner(bit), cube_corner(child), 1);
-                self.cut_cell(grid, cell, &mut vertex_of_edge, &mut piece);
+                self.cut_cell(grid, part, cell, &mut vertex_of_edge, &mut piece);
             }
         }
         piece
     }
 
-    fn cut_cell<F: Fn(DVec3) -> f64 + Sync>(
+    fn cut_cell<F: Field>(
         &self,
         grid: &Lattice<F>,
+        part: F::Part,
         cell: [u32; 3],
         vertex_of_edge: &mut [u32],
         piece: &mut Piece,
@@ -419,7 +492,7 @@ impl Brick {
             if *slot == u32::MAX {
                 *slot = piece.positions.len() as u32;
                 piece.keys.push(self.edge_key(from, axis));
-                piece.positions.push(self.crossing(grid, from, axis));
+                piece.positions.push(self.crossing(grid, part, from, axis));
             }
             *slot
         };
@@ -456,9 +529,10 @@ impl Brick {
     }
 
     /// Where the field changes its sign along a grid edge
-    fn crossing<F: Fn(DVec3) -> f64 + Sync>(
+    fn crossing<F: Field>(
         &self,
         grid: &Lattice<F>,
+        part: F::Part,
         from: [u32; 3],
         axis: usize,
     ) -> DVec3 {
@@ -472,7 +546,7 @@ impl Brick {
         let mut t = a / (a - b);
         let mut moved_a = None;
         for step in 1..=grid.secant_steps {
-            let value = (grid.field)(start + along * t);
+            let value = grid.field.value(start + along * t, part);
             if value.is_nan() {
                 break;
             }
@@ -495,6 +569,19 @@ impl Brick {
             t = refined;
         }
         start + along * t.clamp(MIN_EDGE_PART, 1.0 - MIN_EDGE_PART)
+    }
+}
+
+/// A value as bricks keep it
+fn rounded(value: f64) -> f32 {
+    // Bounded so that interpolation between two corners stays finite
+    let bound = f64::from(f32::MAX) / 4.0;
+    let rounded = value.clamp(-bound, bound) as f32;
+    // Rounding to f32 must not turn a tiny negative value into zero, which is outside.
+    if value < 0.0 {
+        rounded.min(-f32::MIN_POSITIVE)
+    } else {
+        rounded
     }
 }
 

@@ -13,7 +13,7 @@ mod phantom;
 use std::f64::consts::PI;
 
 use glam::DVec3;
-use pirouette_geom::isosurface::{SurfaceError, SurfaceOptions, extract_surface};
+use pirouette_geom::isosurface::{Field, SurfaceError, SurfaceOptions, extract_surface};
 use pirouette_geom::{Grid, TriMesh};
 use rayon::prelude::*;
 
@@ -158,7 +158,7 @@ const SECANT_STEPS: usize = 1;
 /// makes no sense, or when nothing is left.
 pub fn carve(views: &[CarveView], options: &CarveOptions) -> Result<TriMesh, CarveError> {
     let hull = HullField::new(views, options.misses_to_remove)?;
-    extract(&hull, |point| hull.value(point), options)
+    extract(&hull, &hull, options)
 }
 
 /// Carves the visual hull and cuts off what the avatar's own hull from the same views shows to be phantoms
@@ -176,21 +176,52 @@ pub fn carve_beside_avatar(
 ) -> Result<TriMesh, CarveError> {
     let hull = HullField::new(views, options.misses_to_remove)?;
     let phantoms = PhantomField::new(views, avatar)?;
-    let field = |point| {
-        let outside = hull.value(point);
+    let field = WithoutPhantoms {
+        hull: &hull,
+        phantoms: &phantoms,
+    };
+    extract(&hull, &field, options)
+}
+
+/// A hull less what the avatar's own hull shows to be phantoms
+struct WithoutPhantoms<'a> {
+    hull: &'a HullField,
+    phantoms: &'a PhantomField,
+}
+
+impl WithoutPhantoms<'_> {
+    fn cut(&self, point: DVec3, outside: f64, part: ViewSet) -> f64 {
         // Outside the hull nothing is left to cut.
         if outside > 0.0 || outside.is_nan() {
             return outside;
         }
-        outside.max(phantoms.value(point))
-    };
-    extract(&hull, field, options)
+        outside.max(self.phantoms.value(point, part))
+    }
+}
+
+impl Field for &WithoutPhantoms<'_> {
+    /// Of the hull and of the avatar's hull
+    type Part = [ViewSet; 2];
+
+    fn whole(&self) -> Self::Part {
+        [ViewSet::ALL; 2]
+    }
+
+    fn value(&self, point: DVec3, [own, avatars]: Self::Part) -> f64 {
+        self.cut(point, self.hull.value(point, own), avatars)
+    }
+
+    fn near(&self, center: DVec3, radius: f64, [own, avatars]: Self::Part) -> (f64, Self::Part) {
+        let (outside, own) = self.hull.near(center, radius, own);
+        let avatars = (&self.phantoms.hull).near(center, radius, avatars).1;
+        (self.cut(center, outside, avatars), [own, avatars])
+    }
 }
 
 /// The largest piece of the surface of a field whose slope and size are the hull's
 fn extract(
     hull: &HullField,
-    field: impl Fn(DVec3) -> f64 + Sync,
+    field: impl Field,
     options: &CarveOptions,
 ) -> Result<TriMesh, CarveError> {
     let voxel = options.voxel_size_mm;
@@ -233,6 +264,7 @@ struct ProjectedView {
     /// View frame of the world's axes
     axes: [DVec3; 3],
     focal_px: f64,
+    mm_per_px_at_unit_depth: f64,
     /// Principal point, px
     center: [f64; 2],
 }
@@ -283,8 +315,8 @@ impl HullField {
         })
     }
 
-    /// Signed distance at a world point, in mm; negative inside the hull, NaN where a camera cannot tell
-    fn value(&self, point: DVec3) -> f64 {
+    /// The value at a point, of those views only
+    fn value(&self, point: DVec3, views: ViewSet) -> f64 {
         let mut unseen = f64::INFINITY;
         let mut distance = |view: &ProjectedView| {
             let (to_outline, to_photo) = view.distances(point);
@@ -292,17 +324,107 @@ impl HullField {
             to_outline
         };
         let hull = if self.misses_to_remove == 1 {
-            self.views
-                .iter()
-                .map(&mut distance)
-                .fold(f64::NEG_INFINITY, nan_max)
+            let distances = views.of(&self.views).map(&mut distance);
+            distances.fold(f64::NEG_INFINITY, nan_max)
         } else {
             let mut all: Vec<f64> = self.views.iter().map(&mut distance).collect();
             all.sort_unstable_by(|a, b| b.total_cmp(a));
             all[self.misses_to_remove - 1]
         };
-        let hull = if self.any_cut { hull.max(unseen) } else { hull };
+        // Fewer views are asked only where some photo shows the point for sure.
+        let hull = if self.any_cut && views == ViewSet::ALL {
+            hull.max(unseen)
+        } else {
+            hull
+        };
         nan_max(hull, -point.y)
+    }
+}
+
+/// Signed distance at a world point, in mm; negative inside the hull, NaN where a camera cannot tell
+impl Field for &HullField {
+    /// The views that can be the one that removes the most
+    type Part = ViewSet;
+
+    fn whole(&self) -> ViewSet {
+        ViewSet::ALL
+    }
+
+    fn value(&self, point: DVec3, part: ViewSet) -> f64 {
+        HullField::value(self, point, part)
+    }
+
+    fn near(&self, center: DVec3, radius: f64, of: ViewSet) -> (f64, ViewSet) {
+        /// Distances jump by as much where exact ones end, in px
+        const JUMP_PX: f64 = 2.0;
+        if self.misses_to_remove > 1 || self.views.len() > ViewSet::MOST {
+            return (HullField::value(self, center, of), of);
+        }
+        let may_be_unseen = self.any_cut && of == ViewSet::ALL;
+        let mut distances = [f64::NEG_INFINITY; ViewSet::MOST];
+        let (mut largest, mut unseen) = (f64::NEG_INFINITY, f64::INFINITY);
+        let (mut nearest, mut mm_per_px) = (f64::INFINITY, 0.0_f64);
+        for (view, index) in of.of(&self.views).zip(of.indices()) {
+            let (to_outline, to_photo) = view.distances(center);
+            distances[index] = to_outline;
+            largest = nan_max(largest, to_outline);
+            unseen = unseen.min(to_photo);
+            let depth = view.depth(center);
+            nearest = nearest.min(depth);
+            mm_per_px = mm_per_px.max(depth * view.mm_per_px_at_unit_depth);
+        }
+        let least = largest - 2.0 * self.lipschitz * radius - JUMP_PX * mm_per_px;
+        let hull = if may_be_unseen {
+            largest.max(unseen)
+        } else {
+            largest
+        };
+        let value = nan_max(hull, -center.y);
+        // The slope is bounded well before the camera only; behind it nothing is told.
+        if nearest <= 2.0 * radius || value.is_nan() || (may_be_unseen && unseen >= least) {
+            return (value, of);
+        }
+        (value, of.only(|index| distances[index] >= least))
+    }
+}
+
+/// Some of the views, by their places
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct ViewSet(u128);
+
+impl ViewSet {
+    /// More views than this are never told apart
+    const MOST: usize = u128::BITS as usize;
+
+    const ALL: Self = Self(u128::MAX);
+
+    /// Places in the set, in ascending order; those of views that do not exist come last
+    fn indices(self) -> impl Iterator<Item = usize> {
+        let mut left = self.0;
+        std::iter::from_fn(move || {
+            let index = (left != 0).then(|| left.trailing_zeros() as usize)?;
+            left &= left - 1;
+            Some(index)
+        })
+    }
+
+    /// Those of the views that are in the set
+    fn of(self, views: &[ProjectedView]) -> impl Iterator<Item = &ProjectedView> {
+        let all = (self == Self::ALL).then_some(views);
+        let some = all.is_none().then(|| self.indices());
+        let some = some
+            .into_iter()
+            .flatten()
+            .map_while(|index| views.get(index));
+        all.into_iter().flatten().chain(some)
+    }
+
+    fn only(self, keep: impl Fn(usize) -> bool) -> Self {
+        Self(
+            self.indices()
+                .filter(|&index| keep(index))
+                .fold(0, |set, index| set | 1 << index),
+        )
     }
 }
 
@@ -376,11 +498,17 @@ impl ProjectedView {
             axes: DVec3::AXES
                 .map(|axis| view.camera.view_from_room(room_from_world * axis) - origin),
             focal_px: view.camera.focal_px(),
+            mm_per_px_at_unit_depth: view.camera.focal_px().recip(),
             center: [
                 view.camera.width_px as f64 / 2.0,
                 view.camera.height_px as f64 / 2.0,
             ],
         }
+    }
+
+    /// Depth of a world point along the optical axis, in mm
+    fn depth(&self, point: DVec3) -> f64 {
+        self.origin.z + DVec3::from_array(self.axes.map(|axis| axis.z)).dot(point)
     }
 
     /// Signed distances in mm at the depth of a world point: to the silhouette's outline and to the photo's border
@@ -393,9 +521,10 @@ impl ProjectedView {
         if in_view.z <= 0.0 {
             return (f64::NAN, f64::NAN);
         }
-        let mm_per_px = in_view.z / self.focal_px;
-        let u = self.center[0] + in_view.x / mm_per_px;
-        let v = self.center[1] + in_view.y / mm_per_px;
+        let px_per_mm = self.focal_px / in_view.z;
+        let mm_per_px = in_view.z * self.mm_per_px_at_unit_depth;
+        let u = self.center[0] + in_view.x * px_per_mm;
+        let v = self.center[1] + in_view.y * px_per_mm;
         let to_photo = f64::max(
             (u - self.center[0]).abs() - self.center[0],
             (v - self.center[1]).abs() - self.center[1],

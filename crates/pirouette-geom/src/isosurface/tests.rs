@@ -23,13 +23,13 @@ fn extract_surface_reference(
     for cell in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
         let corner = |bits: u32| offset(cell, cube_corner(bits), 1);
         let inside = (0..8)
-            .filter(|&bits| grid.value(corner(bits)) < 0.0)
+            .filter(|&bits| grid.value(corner(bits), ()) < 0.0)
             .fold(0, |set, bits| set | 1 << bits);
         let case: &cube_cases::CubeCase = &CASES[inside];
         let point = |edge: u8| {
             let low = u32::from(lower_corner(edge));
             let (p, q) = (corner(low), corner(low | 1 << (edge / 4)));
-            let (a, b) = (grid.value(p), grid.value(q));
+            let (a, b) = (grid.value(p, ()), grid.value(q, ()));
             let t = (a / (a - b)).clamp(MIN_EDGE_PART, 1.0 - MIN_EDGE_PART);
             grid.position(p).lerp(grid.position(q), t)
         };
@@ -61,7 +61,7 @@ fn fingerprint(triangles: impl Iterator<Item = [DVec3; 3]>) -> Vec<[i64; 3]> {
 #[test]
 fn a_ball_is_round_closed_and_faces_outward() {
     for cell in [0.31, 0.1, 0.043] {
-        let ball = extract_surface(|p| p.length() - 0.8, &options(cell, 1.0));
+        let ball = extract_surface(|p: DVec3| p.length() - 0.8, &options(cell, 1.0));
         let ball = ball.expect("the options are sound");
         assert_eq!(ball.check(), Ok(()));
         let worst = ball.positions.iter().map(|p| (p.length() - 0.8).abs());
@@ -130,7 +130,7 @@ fn fields_of_any_kind_give_closed_meshes_or_none() {
 
 #[test]
 fn senseless_options_are_refused() {
-    let extract = |options| extract_surface(|p| p.x, &options);
+    let extract = |options| extract_surface(|p: DVec3| p.x, &options);
     assert!(matches!(
         extract(options(0.0, 1.0)),
         Err(SurfaceError::CellSize { .. })

@@ -13,6 +13,8 @@ pub(crate) struct OutlineMap {
     first: DVec2,
     /// Largest position between pixel centers: just before the last column and row
     last_cell: DVec2,
+    /// The corners of the box that holds the silhouette, in photo coordinates
+    person: [DVec2; 2],
     /// Whether the silhouette is cut off by the border of the photo
     pub(crate) cut: bool,
 }
@@ -23,9 +25,9 @@ pub(crate) struct OutlineMap {
 /// lie within.
 const EXACT_PX: f64 = 3.0;
 
-/// Pixels kept around the silhouette: beyond, the map repeats its border
+/// Pixels kept around the silhouette: beyond, distances are those to the box that holds it
 ///
-/// Only the search for blocks to skip looks there; more would cost memory and skip nothing more.
+/// Only the search for blocks to skip looks there.
 const MARGIN_PX: usize = 24;
 
 impl OutlineMap {
@@ -37,6 +39,7 @@ impl OutlineMap {
         let (x0, y0, x1, y1) = silhouette.threshold(Self::LEVEL).bounding_box()?;
         let (width, height) = (silhouette.width(), silhouette.height());
         let cut = x0 == 0 || y0 == 0 || x1 == width || y1 == height;
+        let person = [(x0, y0), (x1, y1)].map(|(x, y)| DVec2::new(x as f64, y as f64));
         let (x0, y0) = (x0.saturating_sub(MARGIN_PX), y0.saturating_sub(MARGIN_PX));
         let (x1, y1) = ((x1 + MARGIN_PX).min(width), (y1 + MARGIN_PX).min(height));
         let soft = smooth(&silhouette.crop(x0, y0, x1 - x0, y1 - y0));
@@ -49,19 +52,37 @@ impl OutlineMap {
             distances,
             last_cell: size - (1.0 + 1e-9),
             first: DVec2::new(x0 as f64 + 0.5, y0 as f64 + 0.5),
+            person,
             cut,
         })
     }
 
     /// Signed distance at a photo point, in px
     ///
-    /// Beyond the border of the map its border values go on: where the photo cuts the silhouette off, the
-    /// silhouette goes on too; elsewhere the value is positive and too small.
+    /// Beyond the border of the map, where the photo cuts the silhouette off, border values go on as the silhouette
+    /// does; elsewhere the value is positive, and no larger than the distance.
     #[inline]
     pub(crate) fn at(&self, u: f64, v: f64) -> f64 {
+        let (x, y) = (u - self.first.x, v - self.first.y);
+        if x >= 0.0 && y >= 0.0 && x <= self.last_cell.x && y <= self.last_cell.y {
+            return self.within(x, y);
+        }
+        let at_border = self.within(
+            x.clamp(0.0, self.last_cell.x),
+            y.clamp(0.0, self.last_cell.y),
+        );
+        if self.cut {
+            return at_border;
+        }
+        let [low, high] = self.person;
+        let p = DVec2::new(u, v);
+        at_border.max(p.distance(p.clamp(low, high)))
+    }
+
+    /// The value at a place of the map, in px from its first pixel center
+    #[inline]
+    fn within(&self, x: f64, y: f64) -> f64 {
         let width = self.distances.width();
-        let x = (u - self.first.x).clamp(0.0, self.last_cell.x);
-        let y = (v - self.first.y).clamp(0.0, self.last_cell.y);
         let (column, row) = (x as usize, y as usize);
         let (fx, fy) = (x - column as f64, y - row as f64);
         // The map has at least two columns and rows: the cell right and below exists.

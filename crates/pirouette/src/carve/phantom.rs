@@ -5,8 +5,9 @@
 //! places, and there the avatar tells which of its points are body.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
-use super::{CarveError, CarveView, HullField};
+use super::{CarveError, CarveView, HullField, ViewSet};
 use crate::avatar::{Avatar, render::SilhouetteMesh};
 
 /// Only what is farther than this from the avatar's surface can be a phantom, in mm
@@ -26,7 +27,7 @@ const SEARCH_RINGS: usize = 6;
 
 /// Where an avatar's hull is much larger than the avatar
 pub(super) struct PhantomField {
-    hull: HullField,
+    pub(super) hull: HullField,
     surface: NearestVertex,
 }
 
@@ -35,7 +36,7 @@ impl PhantomField {
     pub(super) fn new(views: &[CarveView], avatar: &Avatar) -> Result<Self, CarveError> {
         let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
         let silhouettes: Vec<_> = views
-            .iter()
+            .par_iter()
             .map(|view| {
                 let room_from_world = view.turn.room_from_world();
                 let positions: Vec<DVec3> = avatar
@@ -61,9 +62,9 @@ impl PhantomField {
         })
     }
 
-    /// Positive, in mm, where a point of the person's hull is a phantom; never steeper than the hull's field
-    pub(super) fn value(&self, point: DVec3) -> f64 {
-        let inside_hull = REACH_MM - self.hull.value(point);
+    /// Positive, in mm, where a point of the person's hull is a phantom, by some views of the avatar's; never steeper than the hull's field
+    pub(super) fn value(&self, point: DVec3, part: ViewSet) -> f64 {
+        let inside_hull = REACH_MM - self.hull.value(point, part);
         if inside_hull <= 0.0 || inside_hull.is_nan() {
             return -inside_hull.abs();
         }

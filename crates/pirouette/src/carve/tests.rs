@@ -160,7 +160,8 @@ fn the_hull_contains_the_body() {
     for part in body() {
         for p in part.surface_points().filter(|p| p.y > 0.0) {
             // A fifth of a pixel
-            assert!(field.value(p) < 1.0, "{} mm outside at {p}", field.value(p));
+            let value = field.value(p, ViewSet::ALL);
+            assert!(value < 1.0, "{value} mm outside at {p}");
         }
     }
 }
@@ -177,7 +178,7 @@ fn one_more_view_never_grows_the_hull() {
         if let Some((before, volume)) = &last {
             assert!(mesh.volume() <= volume * (1.0 + 1e-9));
             for &p in &mesh.positions {
-                assert!(before.value(p) < 1.0);
+                assert!(before.value(p, ViewSet::ALL) < 1.0);
             }
         }
         let field = HullField::new(&views[..count], 1).expect("a field");
@@ -385,6 +386,34 @@ proptest! {
         let other = HullField::new(&views(&silhouettes, camera(), &turned), 1).expect("a field");
         let p = DVec3::new(x, 800.0, z);
         let carried = TurnAngle::from_radians(-by).room_from_world() * p;
-        prop_assert!((field.value(p) - other.value(carried)).abs() < 1e-6);
+        prop_assert!((field.value(p, ViewSet::ALL) - other.value(carried, ViewSet::ALL)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn near_a_place_few_views_tell_what_all_tell(
+        center in prop::array::uniform3(-1.0..1.0f64),
+        offsets in prop::collection::vec(prop::array::uniform3(-1.0..1.0f64), 20),
+        radius in 1.0..150.0f64,
+        height_px in prop::sample::select(vec![400_usize, 250]),
+    ) {
+        // the lower photo cuts the body off
+        let camera = Camera {
+            height_px,
+            vertical_fov_radians: 2.0 * (height_px as f64 / 2.0 / camera().focal_px()).atan(),
+            ..camera()
+        };
+        let turns = turns(7);
+        let silhouettes = render(&body(), &camera, &turns);
+        let field = HullField::new(&views(&silhouettes, camera, &turns), 1).expect("a field");
+        let center = DVec3::new(0.0, 900.0, 0.0) + DVec3::from_array(center) * DVec3::new(400.0, 2000.0, 400.0);
+        let (value, wide) = (&field).near(center, 2.0 * radius, ViewSet::ALL);
+        prop_assert_eq!(value, field.value(center, ViewSet::ALL));
+        let (value, part) = (&field).near(center, radius, wide);
+        prop_assert_eq!(value, field.value(center, ViewSet::ALL));
+        for offset in offsets {
+            let p = center + DVec3::from_array(offset).clamp_length_max(1.0) * radius;
+            let (few, all) = (field.value(p, part), field.value(p, ViewSet::ALL));
+            prop_assert_eq!(few, all, "{:?} at {} near {}", part, p, center);
+        }
     }
 }
