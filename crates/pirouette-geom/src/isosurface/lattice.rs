@@ -1,0 +1,114 @@
+//! The regular grid on whose corners a field is sampled.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{BRICK, Field, MAX_CELLS, SurfaceError, SurfaceOptions, cube_corner, offset};
+
+/// The field on the corners of a regular grid
+pub(super) struct Lattice<'a, F> {
+    pub(super) field: &'a F,
+    lo: DVec3,
+    pub(super) cell_size: f64,
+    lipschitz: f64,
+    pub(super) secant_steps: usize,
+    /// Cells along each axis
+    pub(super) counts: [u32; 3],
+}
+
+impl<'a, F: Field> Lattice<'a, F> {
+    pub(super) fn new(field: &'a F, options: &SurfaceOptions) -> Result<Self, SurfaceError> {
+        let SurfaceOptions {
+            lo,
+            hi,
+            cell_size,
+            lipschitz,
+            secant_steps,
+        } = *options;
+        if !(cell_size.is_finite() && cell_size > 0.0) {
+            return Err(SurfaceError::CellSize { cell_size });
+        }
+        if !(lipschitz.is_finite() && lipschitz > 0.0) {
+            return Err(SurfaceError::Lipschitz { lipschitz });
+        }
+        let cells = ((hi - lo) / cell_size).map(f64::ceil);
+        let countable = |n: f64| (1.0..=f64::from(MAX_CELLS)).contains(&n);
+        if !(lo.is_finite() && cells.to_array().into_iter().all(countable)) {
+            return Err(SurfaceError::Cells {
+                x: cells.x,
+                y: cells.y,
+                z: cells.z,
+                limit: MAX_CELLS,
+            });
+        }
+        Ok(Self {
+            field,
+            lo,
+            cell_size,
+            lipschitz,
+            secant_steps,
+            counts: cells.to_array().map(|n| n as u32),
+        })
+    }
+
+    pub(super) fn position(&self, corner: [u32; 3]) -> DVec3 {
+        self.lo + DVec3::from_array(corner.map(f64::from)) * self.cell_size
+    }
+
+    /// Field value at a corner; what cannot be inside is made positive
+    pub(super) fn value(&self, corner: [u32; 3], part: F::Part) -> f64 {
+        self.bounded(corner, self.field.value(self.position(corner), part))
+    }
+
+    /// The value at the corner in the middle of a cube of `size` cells, and the part of the field in the cube
+    pub(super) fn middle(&self, corner: [u32; 3], size: u32, of: F::Part) -> (f64, F::Part) {
+        let radius = f64::from(size) * self.cell_size * 3f64.sqrt() / 2.0;
+        let (value, part) = self.field.near(self.position(corner), radius, of);
+        (self.bounded(corner, value), part)
+    }
+
+    fn bounded(&self, corner: [u32; 3], value: f64) -> f64 {
+        let on_border = (0..3).any(|a| corner[a] == 0 || corner[a] >= self.counts[a]);
+        if value.is_nan() {
+            self.cell_size
+        } else if on_border {
+            value.max(self.cell_size)
+        } else {
+            value
+        }
+    }
+
+    /// Whether the surface may pass the cube of `size` cells at `origin` whose center has this value
+    pub(super) fn may_cut(&self, origin: [u32; 3], size: u32, center: f64) -> bool {
+        let half_diagonal = f64::from(size) * self.cell_size * 3f64.sqrt() / 2.0;
+        let near = center.abs() <= self.lipschitz * half_diagonal;
+        let on_border =
+            (0..3).any(|a| origin[a] == 0 || origin[a].saturating_add(size) >= self.counts[a]);
+        near || (center < 0.0 && on_border)
+    }
+
+    /// Origins of the bricks near the surface; `None` asks to search all of a brick
+    pub(super) fn find_bricks(&self) -> BTreeMap<[u32; 3], Option<u64>> {
+        let longest = self.counts.into_iter().max().unwrap_or(1);
+        let mut size = longest.next_power_of_two().max(BRICK);
+        let mut blocks = vec![[0; 3]];
+        while size > BRICK {
+            let half = size / 2;
+            blocks = blocks
+                .par_iter()
+                .filter(|&&origin| {
+                    let center = self.value(origin.map(|o| o + half), self.field.whole());
+                    self.may_cut(origin, size, center)
+                })
+                .flat_map_iter(|&origin| {
+                    (0..8).map(move |child| offset(origin, cube_corner(child), half))
+                })
+                .filter(|origin| (0..3).all(|a| origin[a] < self.counts[a]))
+                .collect();
+            size = half;
+        }
+        blocks.into_iter().map(|origin| (origin, None)).collect()
+    }
+}
