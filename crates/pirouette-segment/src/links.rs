@@ -329,7 +329,7 @@ mod tests {
             let mut rows = LinkRows::new(&photo, window, contrast);
             let mut links = RowLinks::new(window.width);
             for y in 0..window.height {
-                rows.read(&[0..window.width], &mut links);
+                rows.read(std::slice::from_ref(&(0..window.width)), &mut links);
                 for x in 0..window.width {
                     let at = |x, y| (window.x0 + x, window.y0 + y);
                     let pair = |x1: usize, y1: usize| {
