@@ -134,7 +134,7 @@ impl<F: Fn(DVec3) -> f64 + Sync> Field for F {
 ///     lipschitz: 1.0,
 ///     secant_steps: 0,
 /// };
-/// let ball = extract_surface(|p| p.length() - 1.0, &options)?;
+/// let ball = extract_surface(|p: DVec3| p.length() - 1.0, &options)?;
 /// assert_eq!(ball.check(), Ok(()));
 /// assert!((ball.volume() - 4.19).abs() < 0.04);
 /// # Ok::<(), pirouette_geom::isosurface::SurfaceError>(())
