@@ -6,7 +6,8 @@
 //!
 //! Whatever the field, the mesh is closed, manifold in edges and vertices, and oriented outward: the surface
 //! is followed into every cell that it enters, even where the bound was wrong. A wrong bound can only
-//! lose separate pieces. Features thinner than a cell can be lost, sharp edges are chamfered.
+//! lose separate pieces. Features thinner than a cell, and separate pieces within two cells, can be lost; sharp edges
+//! are chamfered.
 
 mod cube_cases;
 mod lattice;
