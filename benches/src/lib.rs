@@ -13,8 +13,8 @@ use pirouette::geom::planar_mesh::{PlanarMesh, TriangulateOptions, simplify_apar
 use pirouette::geom::{Grid, Mask};
 use pirouette::normalize::deform::{Handles, handles, trace_silhouette};
 use pirouette::normalize::{
-    ContourSource, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, normalize,
-    shared_skeleton_joints,
+    ContourSource, NormalizeMethod, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView,
+    normalize, shared_skeleton_joints,
 };
 use pirouette::pose::pose_bones;
 use pirouette::segment::{SegmentOptions, SegmentView, Silhouette, segment};
@@ -122,11 +122,14 @@ impl Stages {
                 .map(|found| found.expect("the rendered person is found"))
                 .collect()
         };
+        let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
         let references: Vec<ReferenceView> = bundle
             .turns
             .iter()
             .zip(&bundle.cameras)
-            .map(|(&turn, camera)| ReferenceView::render(&avatar, turn, camera))
+            .map(|(&turn, camera)| {
+                ReferenceView::render(&avatar, &mesh, turn, camera, NormalizeMethod::ThreeStep)
+            })
             .collect();
         let options = NormalizeOptions {
             register: None,

@@ -20,6 +20,13 @@ use args::{Cli, Command};
 use output::Output;
 
 fn main() -> ExitCode {
+    if processor_is_too_old() {
+        eprintln!(
+            "error: this program was built for processors with AVX2, which this one lacks; \
+             build it with RUSTFLAGS=\"-C target-cpu=native\" on this machine"
+        );
+        return ExitCode::FAILURE;
+    }
     let cli = Cli::parse();
     let output = Output::new(cli.json, cli.quiet);
     match run(&cli, output) {
@@ -32,6 +39,18 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Whether the vector instructions that the program was built with are missing
+fn processor_is_too_old() -> bool {
+    #[cfg(all(target_arch = "x86_64", target_feature = "avx2"))]
+    {
+        use std::arch::x86_64::{__cpuid, __cpuid_count};
+        // AVX2 is bit 5 of EBX in leaf 7, which older processors do not have at all.
+        __cpuid(0).eax < 7 || __cpuid_count(7, 0).ebx & (1 << 5) == 0
+    }
+    #[cfg(not(all(target_arch = "x86_64", target_feature = "avx2")))]
+    false
 }
 
 fn run(cli: &Cli, output: Output) -> Result<()> {

@@ -33,6 +33,16 @@ impl Camera {
         DVec3::new(0.0, self.height_mm, self.distance_mm)
     }
 
+    /// The same camera with other pixels: `scale` times as many columns and rows, at least one
+    pub fn scaled(&self, scale: f64) -> Self {
+        let scaled = |size: usize| ((size as f64 * scale).round() as usize).max(1);
+        Self {
+            width_px: scaled(self.width_px),
+            height_px: scaled(self.height_px),
+            ..*self
+        }
+    }
+
     /// The same camera, ready to project many points
     pub fn projector(&self) -> Projector {
         let (sin, cos) = self.pitch_radians.sin_cos();

@@ -1,13 +1,14 @@
 //! Table 1: arm joints moved by up to 50 px, and back, by the deformation.
 
 use glam::DVec2;
+use pirouette::avatar::render::SilhouetteMesh;
 use pirouette::geom::morphology::dilate;
 use pirouette::geom::{Grid, Mask};
 use pirouette::normalize::deform::{
     ContourSource, DeformError, DeformOptions, DeformableSilhouette, fill_contours, handles,
     trace_silhouette,
 };
-use pirouette::normalize::{JointPositions, ReferenceView};
+use pirouette::normalize::{JointPositions, NormalizeMethod, ReferenceView};
 use pirouette::skeleton::Joint;
 use pirouette::synthetic::Random;
 use pirouette::units::TurnAngle;
@@ -186,7 +187,14 @@ struct Scene {
 
 fn scene(number: u64, person: &Person) -> Scene {
     let camera = camera_of(person.figure.stature_mm());
-    let seen = ReferenceView::render(&person.figure, TurnAngle::default(), &camera);
+    let figure = &person.figure;
+    let seen = ReferenceView::render(
+        figure,
+        &SilhouetteMesh::new(&figure.mesh.triangles),
+        TurnAngle::default(),
+        &camera,
+        NormalizeMethod::default(),
+    );
     let mut random = Random::new(SEED ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     let rest = seen.joints.map(Some);
     let mut moved = rest;

@@ -1,6 +1,7 @@
 //! 3D reconstruction: what each step brings.
 
 use pirouette::avatar::Avatar;
+use pirouette::avatar::render::SilhouetteMesh;
 use pirouette::avatar::render::silhouette;
 use pirouette::bundle::Bundle;
 use pirouette::carve::{CarveOptions, CarveView, carve};
@@ -231,6 +232,8 @@ fn bodies_of(person: &Person, cancel: &CancelToken) -> [Option<TriMesh>; Case::A
 /// The hull of the silhouettes as one case has them
 fn hull(case: Case, scan: &SyntheticScan, report: &Report) -> Option<TriMesh> {
     let bundle = report.bundle.as_ref()?;
+    let reference = reference_of(case, report, bundle);
+    let mesh = SilhouetteMesh::new(&reference.mesh.triangles);
     let silhouettes: Vec<(usize, Grid<f32>)> = report
         .views
         .iter()
@@ -240,7 +243,6 @@ fn hull(case: Case, scan: &SyntheticScan, report: &Report) -> Option<TriMesh> {
                 return Some((view.index, soft.clone()));
             };
             let (turn, camera) = (bundle.turns[view.index], &bundle.cameras[view.index]);
-            let reference = reference_of(case, report, bundle);
             let pose = &bundle.poses[view.index];
             let normalized = normalize(
                 &NormalizeView {
@@ -249,7 +251,13 @@ fn hull(case: Case, scan: &SyntheticScan, report: &Report) -> Option<TriMesh> {
                     keypoints: &bundle.keypoints[view.index],
                     skeleton: Some(&shared_skeleton_joints(&bundle.avatar, pose, turn, camera)),
                     outline: None,
-                    reference: &ReferenceView::render(reference, turn, camera),
+                    reference: &ReferenceView::render(
+                        reference,
+                        &mesh,
+                        turn,
+                        camera,
+                        options.method,
+                    ),
                 },
                 &options,
             );

@@ -32,6 +32,7 @@ use shape_step::ShapeSolver;
 use shared_step::{Reshape, SharedStep, arm_shares, step_together};
 use surface::Surface;
 
+pub use rim::RimMesh;
 pub use targets::OutlineTargets;
 
 /// Height of the person in the photos for which the pixel values of the fit are given

@@ -16,7 +16,7 @@ const STRIP: f64 = 4.0;
 
 /// What the rim needs to know of a mesh, found once
 #[derive(Debug, Clone)]
-pub(super) struct RimMesh {
+pub struct RimMesh {
     triangles: Vec<[u32; 3]>,
     /// Each edge with its triangles: the first runs along it as given, the second back
     edges: Vec<([u32; 2], [u32; 2])>,
@@ -34,7 +34,10 @@ pub(super) struct RimVertex {
 
 impl RimMesh {
     /// Finds edges and stars of a closed manifold mesh; edges of other kinds are left out
-    pub(super) fn new(triangles: &[[u32; 3]], vertex_count: usize) -> Self {
+    ///
+    /// # Panics
+    /// When a triangle names a vertex that does not exist.
+    pub fn new(triangles: &[[u32; 3]], vertex_count: usize) -> Self {
         let mut halves: Vec<([u32; 2], bool, u32)> = Vec::with_capacity(3 * triangles.len());
         let mut first = vec![0u32; vertex_count + 1];
         for (t, triangle) in triangles.iter().enumerate() {

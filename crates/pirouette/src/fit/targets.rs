@@ -27,16 +27,17 @@ pub struct OutlineTargets {
 impl OutlineTargets {
     /// Follows the rim of one view of a fit from the photo into the reference pose, turned like the view
     ///
+    /// `rim` is made of the fitted mesh.
+    ///
     /// # Panics
     /// When the fit has no such view.
-    pub fn new(fit: &Fit, view: usize, turn: TurnAngle, camera: &Camera) -> Self {
+    pub fn new(fit: &Fit, rim: &RimMesh, view: usize, turn: TurnAngle, camera: &Camera) -> Self {
         let avatar = &fit.avatar;
         let mesh = &avatar.mesh;
         let photo = pose_bones(&avatar.bone_heads, &fit.poses[view], turn);
         let reference = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
         let stature_px = camera.focal_px() * avatar.stature_mm() / camera.distance_mm;
         let unit_px = stature_px / NOMINAL_STATURE_PX;
-        let rim = RimMesh::new(&mesh.triangles, mesh.positions.len());
         let posed = photo.skin(&mesh.positions, &avatar.weights);
         let rim = rim.rim(&posed, camera, unit_px);
         let moved = rim

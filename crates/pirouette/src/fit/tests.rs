@@ -286,7 +286,8 @@ fn outline_targets_lead_from_the_photo_to_the_reference_pose() {
         silhouette_ious: vec![1.0],
         residual_px: 0.0,
     };
-    let targets = OutlineTargets::new(&fit, 0, turn, &seen.camera);
+    let rim = RimMesh::new(&truth.mesh.triangles, truth.mesh.positions.len());
+    let targets = OutlineTargets::new(&fit, &rim, 0, turn, &seen.camera);
     let reference = Seen::new(&truth, &[turn], &[Pose::default()]);
     let outline = outline::trace(&seen.silhouettes[0], 0.5);
     let expected = outline::PointIndex::new(&outline::trace(&reference.silhouettes[0], 0.5), 1.0);

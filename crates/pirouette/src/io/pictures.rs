@@ -9,7 +9,6 @@ use rayon::prelude::*;
 use crate::avatar::Avatar;
 use crate::avatar::render::{self, SilhouetteMesh};
 use crate::bundle::Bundle;
-use crate::camera::Camera;
 use crate::color::SurfaceColors;
 use crate::fit::Fit;
 use crate::io::scan_folder::LoadedScan;
@@ -84,10 +83,10 @@ pub(super) fn draw_contact_sheet(
             let reference = reference.map(|((mesh, edges), (camera, turn))| {
                 edges.silhouette(
                     &turned(&mesh.positions, turn),
-                    &small(&camera, REFERENCE_SCALE),
+                    &camera.scaled(REFERENCE_SCALE),
                 )
             });
-            let camera = seen.map(|(camera, turn)| (small(&camera, BODY_SCALE), turn));
+            let camera = seen.map(|(camera, turn)| (camera.scaled(BODY_SCALE), turn));
             // A fitted body can stand as in the photo, to be held against it.
             let body = report.body.as_ref().zip(body_mesh).zip(camera);
             let body = body.and_then(|((body, mesh), (camera, turn))| {
@@ -172,7 +171,7 @@ pub(super) fn draw_residuals(
         for (label, degrees) in [("front", 0.0), ("back", 180.0)] {
             let turn = TurnAngle::from_degrees(degrees);
             let positions = turned(&fit.avatar.mesh.positions, turn);
-            let camera = small(camera, SEEN_SCALE);
+            let camera = camera.scaled(SEEN_SCALE);
             let picture = render::shade(mesh, &positions, Some(&counts), &camera);
             let silhouette = mesh.silhouette(&positions, &camera).threshold(0.5);
             seen.push((label, picture, silhouette));
@@ -197,14 +196,4 @@ fn posed(fit: &Fit, pose: &Pose, turn: TurnAngle) -> Vec<DVec3> {
 fn turned(positions: &[DVec3], turn: TurnAngle) -> Vec<DVec3> {
     let room_from_world = turn.room_from_world();
     positions.iter().map(|&p| room_from_world * p).collect()
-}
-
-/// The same camera with fewer pixels
-fn small(camera: &Camera, scale: f64) -> Camera {
-    let scaled = |size: usize| ((size as f64 * scale).round() as usize).max(1);
-    Camera {
-        width_px: scaled(camera.width_px),
-        height_px: scaled(camera.height_px),
-        ..*camera
-    }
 }

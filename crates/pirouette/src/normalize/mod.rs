@@ -24,7 +24,7 @@ use pirouette_geom::contour::Contour;
 use pirouette_geom::{Grid, Mask};
 
 use crate::avatar::Avatar;
-use crate::avatar::render::{silhouette, visible_bones};
+use crate::avatar::render::{SilhouetteMesh, visible_bones};
 use crate::camera::Camera;
 use crate::fit::OutlineTargets;
 use crate::pose::{Pose, pose_bones};
@@ -80,19 +80,34 @@ pub struct ReferenceView {
     pub coverage: Grid<f32>,
     /// Joints, in px
     pub joints: [DVec2; Joint::COUNT],
-    /// Whether enough of each bone's surface is seen
-    pub visible: [bool; Bone::COUNT],
+    /// Whether enough of each bone's surface is seen; needed by [`NormalizeMethod::ThreeStep`] only
+    pub visible: Option<[bool; Bone::COUNT]>,
 }
 
+/// Rows of the picture that tells which bones are visible: shares of their surfaces need no more
+const VISIBILITY_HEIGHT_PX: f64 = 400.0;
+
 impl ReferenceView {
-    /// Renders the avatar on the turning axis
-    pub fn render(avatar: &Avatar, turn: TurnAngle, camera: &Camera) -> Self {
+    /// Renders the avatar on the turning axis, with what a method needs
+    ///
+    /// `mesh` is made of the avatar's triangles.
+    pub fn render(
+        avatar: &Avatar,
+        mesh: &SilhouetteMesh,
+        turn: TurnAngle,
+        camera: &Camera,
+        method: NormalizeMethod,
+    ) -> Self {
         let posed = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
         let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+        let visible = || {
+            let scale = (VISIBILITY_HEIGHT_PX / camera.height_px as f64).min(1.0);
+            visible_bones(avatar, &posed, &camera.scaled(scale))
+        };
         Self {
-            coverage: silhouette(&positions, &avatar.mesh.triangles, camera),
+            coverage: mesh.silhouette(&positions, camera),
             joints: shared_skeleton_joints(avatar, &Pose::default(), turn, camera).reference,
-            visible: visible_bones(avatar, &posed, camera),
+            visible: (method == NormalizeMethod::ThreeStep).then(visible),
         }
     }
 }
@@ -166,6 +181,9 @@ pub enum NormalizeError {
     /// The fitted body is wanted, but there is none
     #[error("the view has no fitted body; the three-step method works without")]
     NoFit,
+    /// The three-step method is wanted, but the reference was rendered for another one
+    #[error("the reference view does not tell which bones are visible; render it for three-step")]
+    NoVisibility,
     /// The silhouette cannot be deformed
     #[error(transparent)]
     Deform(#[from] DeformError),
@@ -243,11 +261,12 @@ pub fn normalize(
         }
         NormalizeMethod::ThreeStep => (detected, align::align(&detected, &view.reference.joints)),
     };
+    let visible = match options.method {
+        NormalizeMethod::FittedBody | NormalizeMethod::SharedSkeleton => [true; Bone::COUNT],
+        NormalizeMethod::ThreeStep => view.reference.visible.ok_or(NormalizeError::NoVisibility)?,
+    };
     let spread = |targets: &JointPositions| -> Handles {
-        handles(&sources, targets, |bone| match options.method {
-            NormalizeMethod::FittedBody | NormalizeMethod::SharedSkeleton => true,
-            NormalizeMethod::ThreeStep => view.reference.visible[bone as usize],
-        })
+        handles(&sources, targets, |bone| visible[bone as usize])
     };
     let first = spread(&aligned);
     let contours = trace_silhouette(view.mask, view.soft, options.deform.contour);

@@ -42,7 +42,7 @@ fn reference() -> ReferenceView {
     ReferenceView {
         coverage: draw(&standing()),
         joints: standing(),
-        visible: [true; Bone::COUNT],
+        visible: Some([true; Bone::COUNT]),
     }
 }
 
@@ -145,9 +145,11 @@ fn hidden_bones_are_no_handles_in_the_published_method() {
     let soft = draw(&swayed());
     let mask = soft.threshold(0.5);
     let mut reference = reference();
+    let mut visible = [true; Bone::COUNT];
     for bone in [Bone::LeftUpperArm, Bone::LeftForearm] {
-        reference.visible[bone as usize] = false;
+        visible[bone as usize] = false;
     }
+    reference.visible = Some(visible);
     let view = NormalizeView {
         mask: &mask,
         soft: &soft,

@@ -10,15 +10,13 @@ use crate::avatar::gltf::load_avatar;
 use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
 use crate::avatar::{Avatar, landmarks, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
-use crate::carve::{CarveOptions, CarveView, carve, carve_beside_avatar};
+use crate::carve::{CarveOptions, carve, carve_beside_avatar};
 use crate::color::{ColorOptions, ColorView, SurfaceColors, color_surface};
-use crate::fit::{CameraSpread, Fit, FitPrior, OutlineTargets, Outlines, fit_outlines};
-use crate::measure::{MeasureInput, MeasureView, Measurements, measure};
-use crate::normalize::{
-    NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
-    RegisterOptions, normalize, shared_skeleton_joints,
-};
+use crate::fit::{CameraSpread, Fit, FitPrior, Outlines, fit_outlines};
+use crate::measure::{MeasureInput, Measurements, measure};
+use crate::normalize::{NormalizeError, NormalizedView};
 use crate::pipeline::start;
+use crate::pipeline::views::{Normalizer, carve_views, measure_views};
 use crate::pipeline::warning::{self, Warning};
 use crate::pipeline::{
     AvatarSource, CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError,
@@ -388,14 +386,9 @@ impl<'a> Job<'a> {
         views: Vec<ViewReport>,
     ) -> Result<Vec<ViewReport>, PipelineError> {
         let (config, cancel) = (self.config, self.cancel);
-        let options = normalize_options(config);
-        // The published method knows the person's proportions from the photo alone.
-        let reference = match fit {
-            Some(fit) => &fit.avatar,
-            None => avatar,
-        };
         let results: Vec<Option<Result<NormalizedView, NormalizeError>>> =
             self.stage(Stage::Normalize, views.len(), |steps| {
+                let normalizer = Normalizer::new(config, avatar, bundle, fit);
                 views
                     .par_iter()
                     .enumerate()
@@ -403,13 +396,7 @@ impl<'a> Job<'a> {
                         if cancel.cancelled() {
                             return None;
                         }
-                        let normalized = normalize_view(
-                            reference,
-                            bundle,
-                            fit.map(|fit| (fit, place)),
-                            view,
-                            &options,
-                        );
+                        let normalized = normalizer.normalize(place, view);
                         steps.done();
                         Some(normalized)
                     })
@@ -536,79 +523,4 @@ fn contradicting(ious: &[f64]) -> Vec<(usize, DropReason)> {
     } else {
         Vec::new()
     }
-}
-
-/// The steps that a configuration asks for
-fn normalize_options(config: &Config) -> NormalizeOptions {
-    let options = match config.method {
-        Method::Fit => NormalizeOptions::fitted_body(),
-        Method::ThreeStep => NormalizeOptions::three_step(),
-    };
-    NormalizeOptions {
-        register: config.register.then(RegisterOptions::default),
-        refine: config.refine.then(RefineOptions::default),
-        ..options
-    }
-}
-
-fn normalize_view(
-    reference: &Avatar,
-    bundle: &Bundle,
-    fit: Option<(&Fit, usize)>,
-    view: &ViewReport,
-    options: &NormalizeOptions,
-) -> Result<NormalizedView, NormalizeError> {
-    let (turn, camera) = (bundle.turns[view.index], &bundle.cameras[view.index]);
-    let (skeleton, pose) = match fit {
-        Some((fit, place)) => (&fit.avatar, &fit.poses[place]),
-        None => (&bundle.avatar, &bundle.poses[view.index]),
-    };
-    let skeleton = shared_skeleton_joints(skeleton, pose, turn, camera);
-    let outline = fit.map(|(fit, place)| OutlineTargets::new(fit, place, turn, camera));
-    normalize(
-        &NormalizeView {
-            mask: &view.silhouette.mask,
-            soft: &view.silhouette.soft,
-            keypoints: &bundle.keypoints[view.index],
-            skeleton: Some(&skeleton),
-            outline: outline.as_ref(),
-            reference: &ReferenceView::render(reference, turn, camera),
-        },
-        options,
-    )
-}
-
-/// Silhouettes as measuring sees them: photographed ones where the body's poses are known, else normalized ones
-fn measure_views<'a>(
-    bundle: &Bundle,
-    fit: Option<&Fit>,
-    views: &'a [ViewReport],
-) -> Vec<MeasureView<'a>> {
-    let view = |(place, view): (usize, &'a ViewReport)| {
-        let (silhouette, pose) = match fit {
-            Some(fit) => (&view.silhouette.soft, fit.poses[place]),
-            None => (&view.normalized.as_ref()?.soft, Pose::default()),
-        };
-        Some(MeasureView {
-            silhouette,
-            camera: bundle.cameras[view.index],
-            turn: bundle.turns[view.index],
-            pose,
-        })
-    };
-    views.iter().enumerate().filter_map(view).collect()
-}
-
-/// The normalized silhouettes as carving sees them
-fn carve_views<'a>(bundle: &Bundle, views: &'a [ViewReport]) -> Vec<CarveView<'a>> {
-    views
-        .iter()
-        .filter_map(|view| {
-            Some(CarveView {
-                silhouette: &view.normalized.as_ref()?.soft,
-                camera: bundle.cameras[view.index],
-                turn: bundle.turns[view.index],
-            })
-        })
-        .collect()
 }

@@ -7,6 +7,7 @@ mod event;
 mod job;
 mod report;
 mod start;
+mod views;
 mod warning;
 
 use thiserror::Error;

@@ -1,0 +1,132 @@
+//! Single views as normalizing, carving and measuring take them.
+
+use pirouette_geom::TriMesh;
+
+use crate::avatar::Avatar;
+use crate::avatar::render::SilhouetteMesh;
+use crate::bundle::Bundle;
+use crate::carve::CarveView;
+use crate::fit::{Fit, OutlineTargets, RimMesh};
+use crate::measure::MeasureView;
+use crate::normalize::{
+    NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
+    RegisterOptions, normalize, shared_skeleton_joints,
+};
+use crate::pipeline::{Config, Method, ViewReport};
+use crate::pose::Pose;
+
+/// The steps that a configuration asks for
+fn normalize_options(config: &Config) -> NormalizeOptions {
+    let options = match config.method {
+        Method::Fit => NormalizeOptions::fitted_body(),
+        Method::ThreeStep => NormalizeOptions::three_step(),
+    };
+    NormalizeOptions {
+        register: config.register.then(RegisterOptions::default),
+        refine: config.refine.then(RefineOptions::default),
+        ..options
+    }
+}
+
+/// What normalizing the views has in common
+pub(super) struct Normalizer<'a> {
+    bundle: &'a Bundle,
+    fit: Option<&'a Fit>,
+    reference: &'a Avatar,
+    mesh: SilhouetteMesh,
+    rim: Option<RimMesh>,
+    options: NormalizeOptions,
+}
+
+impl<'a> Normalizer<'a> {
+    /// `avatar` is the reference where no body was fitted
+    pub(super) fn new(
+        config: &Config,
+        avatar: &'a Avatar,
+        bundle: &'a Bundle,
+        fit: Option<&'a Fit>,
+    ) -> Self {
+        // The published method knows the person's proportions from the photo alone.
+        let reference = fit.map_or(avatar, |fit| &fit.avatar);
+        let TriMesh {
+            positions,
+            triangles,
+        } = &reference.mesh;
+        Self {
+            bundle,
+            fit,
+            reference,
+            mesh: SilhouetteMesh::new(triangles),
+            rim: fit.map(|_| RimMesh::new(triangles, positions.len())),
+            options: normalize_options(config),
+        }
+    }
+
+    /// Brings a view to the reference pose; `place` is that of its pose in the fit
+    pub(super) fn normalize(
+        &self,
+        place: usize,
+        view: &ViewReport,
+    ) -> Result<NormalizedView, NormalizeError> {
+        let bundle = self.bundle;
+        let (turn, camera) = (bundle.turns[view.index], &bundle.cameras[view.index]);
+        let (skeleton, pose) = match self.fit {
+            Some(fit) => (&fit.avatar, &fit.poses[place]),
+            None => (&bundle.avatar, &bundle.poses[view.index]),
+        };
+        let outline = self.fit.zip(self.rim.as_ref());
+        let outline = outline.map(|(fit, rim)| OutlineTargets::new(fit, rim, place, turn, camera));
+        normalize(
+            &NormalizeView {
+                mask: &view.silhouette.mask,
+                soft: &view.silhouette.soft,
+                keypoints: &bundle.keypoints[view.index],
+                skeleton: Some(&shared_skeleton_joints(skeleton, pose, turn, camera)),
+                outline: outline.as_ref(),
+                reference: &ReferenceView::render(
+                    self.reference,
+                    &self.mesh,
+                    turn,
+                    camera,
+                    self.options.method,
+                ),
+            },
+            &self.options,
+        )
+    }
+}
+
+/// Silhouettes as measuring sees them: photographed ones where the body's poses are known, else normalized ones
+pub(super) fn measure_views<'a>(
+    bundle: &Bundle,
+    fit: Option<&Fit>,
+    views: &'a [ViewReport],
+) -> Vec<MeasureView<'a>> {
+    let view = |(place, view): (usize, &'a ViewReport)| {
+        let (silhouette, pose) = match fit {
+            Some(fit) => (&view.silhouette.soft, fit.poses[place]),
+            None => (&view.normalized.as_ref()?.soft, Pose::default()),
+        };
+        Some(MeasureView {
+            silhouette,
+            camera: bundle.cameras[view.index],
+            turn: bundle.turns[view.index],
+            pose,
+        })
+    };
+    views.iter().enumerate().filter_map(view).collect()
+}
+
+/// The normalized silhouettes as carving sees them
+pub(super) fn carve_views<'a>(bundle: &Bundle, views: &'a [ViewReport]) -> Vec<CarveView<'a>> {
+    views
+        .iter()
+        .filter_map(|view| {
+            Some(CarveView {
+                silhouette: &view.normalized.as_ref()?.soft,
+                camera: bundle.cameras[view.index],
+                turn: bundle.turns[view.index],
+            })
+        })
+        .collect()
+}
