@@ -7,7 +7,7 @@ use pirouette_geom::{Grid, TriMesh};
 use rayon::prelude::*;
 
 use crate::avatar::gltf::load_avatar;
-use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
+use crate::avatar::mannequin::{MannequinParameters, mannequin, sketch};
 use crate::avatar::{Avatar, landmarks, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, carve, carve_beside_avatar};
@@ -138,14 +138,22 @@ impl<'a> Job<'a> {
 
     pub(super) fn make_avatar(&mut self) -> Result<Avatar, PipelineError> {
         let (scan, source) = (self.scan, &self.config.avatar);
+        let free = start::is_free(self.config);
         self.stage(Stage::Avatar, 1, |_| match source {
-            AvatarSource::Mannequin { sex, mass_kg } => Ok(mannequin(&MannequinParameters {
-                sex: *sex,
-                stature_mm: scan.stature_mm,
-                mass_kg: *mass_kg,
-                pose: scan.pose,
-                ..MannequinParameters::default()
-            })?),
+            AvatarSource::Mannequin { sex, mass_kg } => {
+                let parameters = MannequinParameters {
+                    sex: *sex,
+                    stature_mm: scan.stature_mm,
+                    mass_kg: *mass_kg,
+                    pose: scan.pose,
+                    ..MannequinParameters::default()
+                };
+                Ok(if free {
+                    sketch(&parameters)?
+                } else {
+                    mannequin(&parameters)?
+                })
+            }
             AvatarSource::File { name, bytes } => {
                 let avatar =
                     load_avatar(bytes, scan.pose).map_err(|source| PipelineError::Avatar {
@@ -301,14 +309,7 @@ impl<'a> Job<'a> {
         views: &[ViewReport],
     ) -> Result<(Fit, Option<StartFigure>), PipelineError> {
         let (scan, config, cancel) = (self.scan, self.config, self.cancel);
-        // A mannequin about which nothing was said is a first guess only.
-        let free = matches!(
-            config.avatar,
-            AvatarSource::Mannequin {
-                sex: Sex::Neutral,
-                mass_kg: None
-            }
-        );
+        let free = start::is_free(config);
         self.stage(Stage::Fit, 1, |_| {
             let stature_mm = scan.stature_mm.unwrap_or(bundle.avatar.stature_mm());
             let cancelled = || cancel.cancelled();
@@ -316,7 +317,7 @@ impl<'a> Job<'a> {
             let outlines = Outlines::trace(&start::fit_views(bundle, views, &poses, stature_mm));
             let choose =
                 || start::choose_start(scan, bundle, views, &outlines, stature_mm, &cancelled);
-            let start = free.then(choose).flatten();
+            let start = free.then(choose).transpose()?;
             let (avatar, posture, poses) = match &start {
                 Some(start) => (&start.avatar, &start.posture, &start.poses),
                 None => (&bundle.avatar, &bundle.posture, &poses),
@@ -349,8 +350,8 @@ impl<'a> Job<'a> {
                 fit.avatar.tape_loops = tape_loops;
                 fit.avatar.landmarks = landmarks;
             }
-            (fit, start.map(|start| start.figure))
-        })
+            Ok((fit, start.map(|start| start.figure)))
+        })?
     }
 
     /// Colors of the fitted body

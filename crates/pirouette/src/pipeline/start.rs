@@ -4,11 +4,26 @@ use rayon::prelude::*;
 
 use crate::avatar::Avatar;
 use crate::avatar::mannequin::{MannequinParameters, Sex, sketch, unmarked};
-use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
+use crate::bundle::{Bundle, BundleError, BundleOptions, BundleView, bundle};
+use crate::camera::Camera;
 use crate::fit::{FitOptions, FitPrior, FitView, Outlines, fit_outlines, rigid_residual};
-use crate::pipeline::ViewReport;
+use crate::pipeline::{AvatarSource, Config, Method, PipelineError, ViewReport};
 use crate::pose::Pose;
 use crate::scan::{CameraSetup, Scan};
+
+/// Whether the mannequin that a fit starts from is to be chosen: when nothing was said about it
+///
+/// Until then a sketch of a neutral one does.
+pub(super) fn is_free(config: &Config) -> bool {
+    let said_nothing = matches!(
+        config.avatar,
+        AvatarSource::Mannequin {
+            sex: Sex::Neutral,
+            mass_kg: None
+        }
+    );
+    said_nothing && config.method == Method::Fit
+}
 
 /// A body to start a fit from
 #[derive(Debug)]
@@ -60,7 +75,10 @@ pub(super) fn fit_views<'a>(
 /// The mass follows from the volume of a first rough fit, which hardly depends on where it starts. The sex is that of the
 /// mannequin whose unfitted surface, in its best poses, lies nearest to the outlines: on rendered women and men the wrong
 /// sex is 10 to 30 % farther off, while after four rounds of fitting the difference is 1 to 4 %. Both are told by
-/// sketches of mannequins. `None` when there is no such mannequin.
+/// sketches of mannequins; `bundle` has one. Where no mannequin has such a mass, it is one of usual mass.
+///
+/// # Errors
+/// When there is no mannequin of that stature at all.
 pub(super) fn choose_start(
     scan: &Scan,
     bundle: &Bundle,
@@ -68,20 +86,14 @@ pub(super) fn choose_start(
     outlines: &Outlines,
     stature_mm: f64,
     cancelled: &(dyn Fn() -> bool + Sync),
-) -> Option<Start> {
-    let parameters = MannequinParameters {
-        stature_mm: Some(stature_mm),
-        pose: scan.pose,
-        ..MannequinParameters::default()
-    };
-    let posed = |figure: &Avatar| pose_figure(scan, bundle, views, figure, stature_mm);
-    let (avatar, posture, poses) = posed(&sketch(&parameters).ok()?)?;
+) -> Result<Start, PipelineError> {
+    let poses: Vec<Pose> = views.iter().map(|view| bundle.poses[view.index]).collect();
     let rough = fit_outlines(
-        &avatar,
+        &bundle.avatar,
         &fit_views(bundle, views, &poses, stature_mm),
         outlines,
         &FitPrior {
-            posture,
+            posture: bundle.posture,
             stature_mm: Some(stature_mm),
             ..FitPrior::default()
         },
@@ -89,28 +101,44 @@ pub(super) fn choose_start(
         cancelled,
     );
     let mass_kg = rough.avatar.mesh.volume() * KG_PER_CUBIC_MM;
-    let of = |sex| MannequinParameters {
+    let posed = |figure: &Avatar| pose_figure(scan, bundle, views, figure, stature_mm);
+    let of = |sex, mass_kg| MannequinParameters {
         sex,
-        mass_kg: Some(mass_kg),
-        ..parameters
+        mass_kg,
+        stature_mm: Some(stature_mm),
+        pose: scan.pose,
+        ..MannequinParameters::default()
     };
-    let residuals: Vec<(f64, Sex)> = [Sex::Female, Sex::Male, Sex::Neutral]
+    let mut residuals: Vec<(f64, Sex)> = [Sex::Female, Sex::Male, Sex::Neutral]
         .into_par_iter()
         .filter_map(|sex| {
-            let (avatar, posture, poses) = posed(&sketch(&of(sex)).ok()?)?;
+            let (avatar, posture, poses) = posed(&sketch(&of(sex, Some(mass_kg))).ok()?).ok()?;
             let views = fit_views(bundle, views, &poses, stature_mm);
             Some((rigid_residual(&avatar, &posture, &views, outlines), sex))
         })
         .collect();
-    let (_, sex) = residuals.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let mannequin = unmarked(&of(sex)).ok()?;
+    residuals.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let nearest = residuals.iter().map(|(_, sex)| of(*sex, Some(mass_kg)));
+    let mannequin = nearest.map(|parameters| unmarked(&parameters).map(|made| (made, parameters)));
+    let (mannequin, parameters) = match mannequin.flatten().next() {
+        Some(found) => found,
+        None => {
+            let usual = of(Sex::Neutral, None);
+            (unmarked(&usual)?, usual)
+        }
+    };
     let (avatar, posture, poses) = posed(&mannequin)?;
-    Some(Start {
+    Ok(Start {
+        figure: StartFigure {
+            sex: parameters.sex,
+            mass_kg: parameters
+                .mass_kg
+                .unwrap_or(mannequin.mesh.volume() * KG_PER_CUBIC_MM),
+        },
         mannequin,
         avatar,
         posture,
         poses,
-        figure: StartFigure { sex, mass_kg },
     })
 }
 
@@ -126,7 +154,7 @@ fn pose_figure(
     views: &[ViewReport],
     figure: &Avatar,
     stature_mm: f64,
-) -> Option<(Avatar, Pose, Vec<Pose>)> {
+) -> Result<(Avatar, Pose, Vec<Pose>), BundleError> {
     let bundle_views: Vec<BundleView> = views
         .iter()
         .map(|view| BundleView {
@@ -135,18 +163,18 @@ fn pose_figure(
             ..BundleView::from(&scan.views[view.index])
         })
         .collect();
-    let camera = first.cameras.first()?;
+    let given = |value: fn(&Camera) -> f64| first.cameras.first().map(value);
     let setup = CameraSetup {
-        vertical_fov_radians: Some(camera.vertical_fov_radians),
-        height_mm: Some(camera.height_mm),
-        distance_mm: Some(camera.distance_mm),
-        pitch_radians: Some(camera.pitch_radians),
+        vertical_fov_radians: given(|camera| camera.vertical_fov_radians),
+        height_mm: given(|camera| camera.height_mm),
+        distance_mm: given(|camera| camera.distance_mm),
+        pitch_radians: given(|camera| camera.pitch_radians),
     };
     let options = BundleOptions {
         mend_swaps: false,
         correct_turns: false,
         ..BundleOptions::default()
     };
-    let posed = bundle(figure, &bundle_views, &setup, Some(stature_mm), &options).ok()?;
-    Some((posed.avatar, posed.posture, posed.poses))
+    let posed = bundle(figure, &bundle_views, &setup, Some(stature_mm), &options)?;
+    Ok((posed.avatar, posed.posture, posed.poses))
 }
