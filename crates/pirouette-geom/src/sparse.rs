@@ -5,7 +5,6 @@
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
-use faer::perm::PermRef;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
     factorize_symbolic_cholesky,
@@ -110,6 +109,8 @@ pub(crate) struct Workspace {
 ///
 /// Row and column of a block belong to one point each; the unknowns of a point are its x, y and z.
 pub struct BlockSolver {
+    /// When each point is eliminated: all that follows is in this order
+    turns: Vec<u32>,
     /// Point columns: blocks on and below the diagonal are `rows[first[c]..first[c + 1]]`, the diagonal's first
     first: Vec<usize>,
     rows: Vec<u32>,
@@ -122,6 +123,14 @@ pub struct BlockSolver {
     right: Mat<f64>,
 }
 
+/// Where the block of two points lies in a [`BlockSolver`]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    at: u32,
+    /// Whether the point with the higher number is eliminated first, so that its block is kept transposed
+    transposed: bool,
+}
+
 impl std::fmt::Debug for BlockSolver {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("BlockSolver")
@@ -132,31 +141,57 @@ impl std::fmt::Debug for BlockSolver {
     }
 }
 
-/// An order of elimination that fills in little, for the unknowns of points whose blocks are given, and its inverse
+/// The lower triangle of a symmetric pattern by columns: where each begins, and its rows in ascending order
+fn columns_below(size: usize, mut pairs: Vec<[u32; 2]>) -> (Vec<usize>, Vec<u32>) {
+    pairs.sort_unstable();
+    pairs.dedup();
+    let mut first = vec![0; size + 1];
+    for pair in &pairs {
+        first[pair[0] as usize + 1] += 1;
+    }
+    for c in 0..size {
+        first[c + 1] += first[c];
+    }
+    (first, pairs.iter().map(|pair| pair[1]).collect())
+}
+
+/// When each point is eliminated, so that little is filled in; `None` when memory runs out
 ///
-/// Ordering the points takes a ninth of the entries that ordering their unknowns does. `None` when memory runs out.
-fn order_points(first: &[usize], rows: &[u32]) -> Option<[Vec<usize>; 2]> {
+/// Ordering the points takes a ninth of the entries that ordering their unknowns does.
+fn elimination_turns(first: &[usize], rows: &[u32]) -> Option<Vec<u32>> {
     let points = first.len() - 1;
     let rows: Vec<usize> = rows.iter().map(|&row| row as usize).collect();
     let scratch = amd::order_scratch::<usize>(points, rows.len());
     let pattern = SymbolicSparseColMat::new_checked(points, points, first.to_vec(), None, rows);
-    let (mut forward, mut inverse) = (vec![0; points], vec![0; points]);
+    let (mut order, mut turns) = (vec![0; points], vec![0; points]);
     let mut memory = MemBuffer::try_new(scratch).ok()?;
     amd::order(
-        &mut forward,
-        &mut inverse,
+        &mut order,
+        &mut turns,
         pattern.as_ref(),
         amd::Control::default(),
         MemStack::new(&mut memory),
     )
     .ok()?;
-    let of_unknowns = |order: Vec<usize>| {
-        let each = order
-            .into_iter()
-            .flat_map(|p| (0..3).map(move |k| 3 * p + k));
-        each.collect()
-    };
-    Some([forward, inverse].map(of_unknowns))
+    Some(turns.into_iter().map(|turn| turn as u32).collect())
+}
+
+/// The single entries of blocks on and below the diagonal of a column pattern
+fn entry_pattern(first: &[usize], rows: &[u32]) -> SymbolicSparseColMat<usize> {
+    let points = first.len() - 1;
+    let mut column_starts = vec![0usize];
+    let mut row_indices = Vec::with_capacity(9 * rows.len());
+    for c in 0..points {
+        for k in 0..3 {
+            for &row in &rows[first[c]..first[c + 1]] {
+                let from = if row as usize == c { k } else { 0 };
+                row_indices.extend((from..3).map(|j| 3 * row as usize + j));
+            }
+            column_starts.push(row_indices.len());
+        }
+    }
+    let size = 3 * points;
+    SymbolicSparseColMat::new_checked(size, size, column_starts, None, row_indices)
 }
 
 impl BlockSolver {
@@ -167,57 +202,42 @@ impl BlockSolver {
     /// # Panics
     /// When a pair names a point that does not exist.
     pub fn new(points: usize, pairs: &[[u32; 2]]) -> Option<Self> {
-        let mut below: Vec<[u32; 2]> = (0..points as u32).map(|p| [p, p]).collect();
-        below.extend(pairs.iter().map(|&[a, b]| [a.min(b), a.max(b)]));
-        below.sort_unstable();
-        below.dedup();
         assert!(
-            below.iter().all(|pair| (pair[1] as usize) < points),
+            pairs.iter().flatten().all(|&p| (p as usize) < points),
             "pairs name existing points"
         );
-        let mut first = vec![0; points + 1];
-        for pair in &below {
-            first[pair[0] as usize + 1] += 1;
-        }
-        for c in 0..points {
-            first[c + 1] += first[c];
-        }
-        let rows: Vec<u32> = below.iter().map(|pair| pair[1]).collect();
-        let mut column_starts = vec![0usize];
-        let mut row_indices = Vec::with_capacity(9 * rows.len());
-        for c in 0..points {
-            for k in 0..3 {
-                for &row in &rows[first[c]..first[c + 1]] {
-                    let from = if row as usize == c { k } else { 0 };
-                    row_indices.extend((from..3).map(|j| 3 * row as usize + j));
-                }
-                column_starts.push(row_indices.len());
-            }
-        }
-        let size = 3 * points;
-        let entries = vec![0.0; row_indices.len()];
-        let matrix =
-            SymbolicSparseColMat::new_checked(size, size, column_starts, None, row_indices);
-        let [forward, inverse] = order_points(&first, &rows)?;
+        let below = |number: &dyn Fn(u32) -> u32| {
+            let own = (0..points as u32).map(|p| [p, p]);
+            let pairs = own.chain(pairs.iter().copied());
+            let numbers = pairs.map(|pair| pair.map(number));
+            columns_below(points, numbers.map(|[a, b]| [a.min(b), a.max(b)]).collect())
+        };
+        let (first, rows) = below(&|p| p);
+        let turns = elimination_turns(&first, &rows)?;
+        let (first, rows) = below(&|p| turns[p as usize]);
+        let matrix = entry_pattern(&first, &rows);
+        // As the points are in order, analysis wants the upper triangle, factorization the lower one.
+        let above = matrix.as_ref().transpose().to_col_major().ok()?;
         let symbolic = factorize_symbolic_cholesky(
-            matrix.as_ref(),
-            Side::Lower,
-            SymmetricOrdering::Custom(PermRef::new_checked(&forward, &inverse, size)),
+            above.as_ref(),
+            Side::Upper,
+            SymmetricOrdering::Identity,
             CholeskySymbolicParams::default(),
         )
         .ok()?;
         let factoring = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
         let solving = symbolic.solve_in_place_scratch::<f64>(1, Par::Seq);
         Some(Self {
+            turns,
             blocks: vec![DMat3::ZERO; rows.len()],
+            entries: vec![0.0; matrix.row_idx().len()],
             first,
             rows,
             matrix,
-            entries,
             factor: vec![0.0; symbolic.len_val()],
             memory: MemBuffer::try_new(factoring.or(solving)).ok()?,
             symbolic,
-            right: Mat::zeros(size, 1),
+            right: Mat::zeros(3 * points, 1),
         })
     }
 
@@ -230,11 +250,17 @@ impl BlockSolver {
     ///
     /// # Panics
     /// When a point does not exist.
-    pub fn place(&self, a: u32, b: u32) -> Option<usize> {
-        let (column, row) = (a.min(b) as usize, a.max(b));
-        let rows = &self.rows[self.first[column]..self.first[column + 1]];
-        let at = rows.binary_search(&row).ok()?;
-        Some(self.first[column] + at)
+    pub fn place(&self, a: u32, b: u32) -> Option<Place> {
+        let (low, high) = (self.turns[a.min(b) as usize], self.turns[a.max(b) as usize]);
+        let (column, row) = (low.min(high) as usize, low.max(high));
+        let start = self.first[column];
+        let at = self.rows[start..self.first[column + 1]]
+            .binary_search(&row)
+            .ok()?;
+        Some(Place {
+            at: (start + at) as u32,
+            transposed: high < low,
+        })
     }
 
     /// Adds to the block at a [`BlockSolver::place`]
@@ -243,8 +269,12 @@ impl BlockSolver {
     ///
     /// # Panics
     /// When there is no such place.
-    pub fn add_at(&mut self, place: usize, block: DMat3) {
-        self.blocks[place] += block;
+    pub fn add_at(&mut self, place: Place, block: DMat3) {
+        self.blocks[place.at as usize] += if place.transposed {
+            block.transpose()
+        } else {
+            block
+        };
     }
 
     /// Factors the matrix and replaces the right side by the solution
@@ -271,9 +301,10 @@ impl BlockSolver {
         if factored.is_err() {
             return false;
         }
+        let row = |i: usize, k: usize| 3 * self.turns[i] as usize + k;
         for (i, p) in right.iter().enumerate() {
             for (k, v) in p.to_array().into_iter().enumerate() {
-                self.right[(3 * i + k, 0)] = v;
+                self.right[(row(i, k), 0)] = v;
             }
         }
         LltRef::new(&self.symbolic, &self.factor).solve_in_place_with_conj(
@@ -282,7 +313,7 @@ impl BlockSolver {
             Par::Seq,
             MemStack::new(&mut self.memory),
         );
-        let solved = |i: usize, k: usize| self.right[(3 * i + k, 0)];
+        let solved = |i: usize, k: usize| self.right[(row(i, k), 0)];
         if !(0..right.len()).all(|i| (0..3).all(|k| solved(i, k).is_finite())) {
             return false;
         }

@@ -1,7 +1,7 @@
 //! The surface, given the poses of all views: one sparse linear least squares problem.
 
 use glam::{DMat3, DVec3};
-use pirouette_geom::sparse::BlockSolver;
+use pirouette_geom::sparse::{BlockSolver, Place};
 use rayon::prelude::*;
 
 use super::matches::{Match, Outline};
@@ -30,7 +30,7 @@ const CROWN_COUNT: usize = 4;
 pub(super) struct ShapeSolver {
     system: BlockSolver,
     /// Smoothness at weight 1, as places and scalar values
-    bending: Vec<(usize, f64)>,
+    bending: Vec<(Place, f64)>,
     /// Pairs of mirrored vertices, lower first
     pairs: Vec<[u32; 2]>,
     anchors: Vec<Anchor>,
