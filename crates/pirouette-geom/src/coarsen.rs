@@ -59,36 +59,28 @@ impl Blend {
 /// # Panics
 /// When a triangle or `mirror` names a vertex that does not exist.
 pub fn coarsen(mesh: &TriMesh, target: usize, mirror: Option<&[u32]>) -> CoarseMesh {
+    let mut levels = coarsen_levels(mesh, &[target], mirror);
+    levels.pop().expect("one level for one target")
+}
+
+/// The same for several targets in descending order: each mesh stands on some of the vertices of the one before
+pub fn coarsen_levels(
+    mesh: &TriMesh,
+    targets: &[usize],
+    mirror: Option<&[u32]>,
+) -> Vec<CoarseMesh> {
     let mut collapse = Collapse::new(mesh);
     let mut queue: BinaryHeap<Reverse<(u64, [u32; 2])>> = mesh
         .edges()
         .into_iter()
         .map(|edge| Reverse((collapse.length_key(edge), edge)))
         .collect();
-    let image = |v: u32| mirror.map_or(v, |mirror| mirror[v as usize]);
     let mut around = Vec::new();
-    while collapse.alive_count > target
-        && let Some(Reverse((_, edge))) = queue.pop()
-    {
-        if edge.iter().any(|&v| !collapse.alive[v as usize]) {
-            continue;
-        }
-        let Some([gone, kept]) = collapse.choose(edge, mirror) else {
-            continue;
-        };
-        collapse.merge(gone, kept);
-        queue_around(&mut collapse, kept, &mut around, &mut queue);
-        let (gone_image, kept_image) = (image(gone), image(kept));
-        if mirror.is_some()
-            && gone_image != gone
-            && collapse.alive[gone_image as usize]
-            && collapse.can_merge(gone_image, kept_image)
-        {
-            collapse.merge(gone_image, kept_image);
-            queue_around(&mut collapse, kept_image, &mut around, &mut queue);
-        }
-    }
-    collapse.finish()
+    let mut to_target = |target: &usize| {
+        collapse.down_to(*target, mirror, &mut queue, &mut around);
+        collapse.finish()
+    };
+    targets.iter().map(&mut to_target).collect()
 }
 
 /// Offers the edges of a vertex again: those that could not go may go now
@@ -138,6 +130,38 @@ impl<'a> Collapse<'a> {
             went_to: (0..count as u32).collect(),
             met: vec![0; count],
             time: 0,
+        }
+    }
+
+    /// Collapses the edges of a queue until few enough vertices are left
+    fn down_to(
+        &mut self,
+        target: usize,
+        mirror: Option<&[u32]>,
+        queue: &mut BinaryHeap<Reverse<(u64, [u32; 2])>>,
+        around: &mut Vec<u32>,
+    ) {
+        let image = |v: u32| mirror.map_or(v, |mirror| mirror[v as usize]);
+        while self.alive_count > target
+            && let Some(Reverse((_, edge))) = queue.pop()
+        {
+            if edge.iter().any(|&v| !self.alive[v as usize]) {
+                continue;
+            }
+            let Some([gone, kept]) = self.choose(edge, mirror) else {
+                continue;
+            };
+            self.merge(gone, kept);
+            queue_around(self, kept, around, queue);
+            let (gone_image, kept_image) = (image(gone), image(kept));
+            if mirror.is_some()
+                && gone_image != gone
+                && self.alive[gone_image as usize]
+                && self.can_merge(gone_image, kept_image)
+            {
+                self.merge(gone_image, kept_image);
+                queue_around(self, kept_image, around, queue);
+            }
         }
     }
 
@@ -267,7 +291,8 @@ impl<'a> Collapse<'a> {
         self.went_to[gone as usize] = kept;
     }
 
-    fn finish(mut self) -> CoarseMesh {
+    /// The mesh as it is now
+    fn finish(&mut self) -> CoarseMesh {
         let vertices: Vec<u32> = (0..self.alive.len() as u32)
             .filter(|&v| self.alive[v as usize])
             .collect();
@@ -491,6 +516,18 @@ mod tests {
             let own = coarse.blends[v as usize].of(&positions);
             assert!(own.distance(positions[c]) < 1e-12);
         }
+    }
+
+    #[test]
+    fn levels_are_nested_and_the_first_is_that_of_its_target() {
+        let mesh = peanut();
+        let levels = coarsen_levels(&mesh, &[300, 100], None);
+        let alone = coarsen(&mesh, 300, None);
+        assert_eq!(levels[0].vertices, alone.vertices);
+        assert_eq!(levels[0].triangles, alone.triangles);
+        assert_eq!(levels[1].vertices.len(), 100);
+        let finer = &levels[0].vertices;
+        assert!(levels[1].vertices.iter().all(|v| finer.contains(v)));
     }
 
     #[test]

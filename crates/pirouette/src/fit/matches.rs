@@ -82,7 +82,7 @@ pub(super) fn match_views(
         .map(|((view, outline), pose)| {
             let posed = pose_bones(&body.bone_heads, pose, view.turn);
             let positions = posed.skin(&body.positions, body.weights);
-            find_matches(&body.surface.rim, &positions, &view.camera, outline, radius)
+            find_matches(body.rim, &positions, &view.camera, outline, radius)
         })
         .collect()
 }

@@ -18,6 +18,7 @@ mod targets;
 
 use glam::{DVec2, DVec3};
 use pirouette_geom::Grid;
+use pirouette_geom::coarsen::Blend;
 use rayon::prelude::*;
 
 use crate::avatar::Avatar;
@@ -96,8 +97,6 @@ pub struct CameraSpread {
 /// How the fit is done
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitOptions {
-    /// Vertices whose displacements are solved for; more show finer detail and cost time
-    pub coarse_count: usize,
     /// Whether left and right of the body are taken to be alike where outlines do not say otherwise
     pub symmetry: bool,
     /// Whether the mean pose of all views goes into the surface
@@ -115,6 +114,8 @@ pub struct FitOptions {
 /// One round: poses, then the surface
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Round {
+    /// Vertices whose displacements are solved for; more show finer detail and cost time
+    pub coarse_count: usize,
     /// Outline points are searched within this distance, in nominal px
     pub radius: f64,
     /// Weight of the bending energy
@@ -123,32 +124,39 @@ pub struct Round {
     pub robust: f64,
 }
 
+/// Coarse vertices of the first rounds, which are too stiff for more, and of all others
+const FIRST_COUNT: usize = 1000;
+const COUNT: usize = 2000;
+
+/// Rounds of a trial
+const TRIAL_ROUNDS: usize = 4;
+
 impl Default for FitOptions {
     fn default() -> Self {
         // A wide start, because bodies far from the avatar (large busts, bellies) would else come out too small.
         let rounds = [
-            (60.0, 15.0, 12.0),
-            (60.0, 5.0, 12.0),
-            (50.0, 2.5, 10.0),
-            (40.0, 1.5, 8.0),
-            (40.0, 1.0, 8.0),
-            (30.0, 0.5, 6.0),
-            (25.0, 0.5, 5.0),
-            (20.0, 0.5, 5.0),
-            (15.0, 0.5, 4.0),
-            (12.0, 0.5, 4.0),
-            (10.0, 0.5, 3.0),
-            (10.0, 0.5, 3.0),
+            (FIRST_COUNT, 60.0, 15.0, 12.0),
+            (FIRST_COUNT, 60.0, 5.0, 12.0),
+            (FIRST_COUNT, 50.0, 2.5, 10.0),
+            (FIRST_COUNT, 40.0, 1.5, 8.0),
+            (COUNT, 40.0, 1.0, 8.0),
+            (COUNT, 30.0, 0.5, 6.0),
+            (COUNT, 25.0, 0.5, 5.0),
+            (COUNT, 20.0, 0.5, 5.0),
+            (COUNT, 15.0, 0.5, 4.0),
+            (COUNT, 12.0, 0.5, 4.0),
+            (COUNT, 10.0, 0.5, 3.0),
+            (COUNT, 10.0, 0.5, 3.0),
         ];
         Self {
-            coarse_count: 2000,
             symmetry: true,
             transfer_mean_pose: true,
             anchors: true,
             camera: true,
             overlaps: true,
             rounds: rounds
-                .map(|(radius, smoothness, robust)| Round {
+                .map(|(coarse_count, radius, smoothness, robust)| Round {
+                    coarse_count,
                     radius,
                     smoothness,
                     robust,
@@ -159,14 +167,13 @@ impl Default for FitOptions {
 }
 
 impl FitOptions {
-    /// The first rounds only, on few vertices: enough to compare bodies to start from
+    /// The first rounds only: enough to compare bodies to start from
     pub fn trial() -> Self {
         let mut options = Self {
-            coarse_count: 1000,
             overlaps: false,
             ..Self::default()
         };
-        options.rounds.truncate(4);
+        options.rounds.truncate(TRIAL_ROUNDS);
         options
     }
 }
@@ -198,38 +205,35 @@ impl Fit {
 /// The surface while it is fitted
 #[derive(Debug, Clone)]
 struct Body<'a> {
-    surface: &'a Surface,
+    rim: &'a RimMesh,
     weights: &'a [SkinWeight],
     /// By which share each vertex hangs on the left and on the right arm
     arms: Vec<[f64; 2]>,
     /// The undisplaced surface
     rest: Vec<DVec3>,
-    /// Displacements of the coarse vertices
-    displacements: Vec<DVec3>,
     positions: Vec<DVec3>,
     bone_heads: [DVec3; Bone::COUNT],
     keypoints: [DVec3; Joint::COUNT],
 }
 
 impl<'a> Body<'a> {
-    fn new(avatar: &'a Avatar, surface: &'a Surface) -> Self {
+    fn new(avatar: &'a Avatar, rim: &'a RimMesh) -> Self {
         Self {
-            surface,
+            rim,
             weights: &avatar.weights,
             arms: avatar.weights.iter().map(arm_shares).collect(),
             rest: avatar.mesh.positions.clone(),
-            displacements: vec![DVec3::ZERO; surface.coarse_count()],
             positions: avatar.mesh.positions.clone(),
             bone_heads: avatar.bone_heads,
             keypoints: avatar.keypoints,
         }
     }
 
-    fn displace(&mut self, displacements: Vec<DVec3>) {
-        let spread = self.surface.spread(&displacements);
-        self.displacements = displacements;
-        for ((position, rest), moved) in self.positions.iter_mut().zip(&self.rest).zip(spread) {
-            *position = *rest + moved;
+    /// Displaces each vertex by its blend of the displacements of coarse vertices
+    fn displace(&mut self, blends: &[Blend], displacements: &[DVec3]) {
+        let blends = blends.iter().zip(&self.rest);
+        for (position, (blend, rest)) in self.positions.iter_mut().zip(blends) {
+            *position = *rest + blend.of(displacements);
         }
     }
 
@@ -260,25 +264,13 @@ impl<'a> Body<'a> {
         for (joint, point) in Joint::ALL.into_iter().zip(&mut self.keypoints) {
             move_point(point, arm_shares(&SkinWeight::rigid(joint.bone())));
         }
-        let coarse = &self.surface.coarse.vertices;
-        let displacements = coarse
-            .iter()
-            .map(|&v| self.positions[v as usize] - self.rest[v as usize])
-            .collect();
-        self.displace(displacements);
     }
 
     /// Brings the reference pose into another pose
     fn repose(&mut self, pose: &Pose) {
         let posed = pose_bones(&self.bone_heads, pose, TurnAngle::default());
-        let coarse = &self.surface.coarse.vertices;
         self.rest = posed.skin(&self.rest, self.weights);
-        let positions = posed.skin(&self.positions, self.weights);
-        let displacements = coarse
-            .iter()
-            .map(|&v| positions[v as usize] - self.rest[v as usize])
-            .collect();
-        self.displace(displacements);
+        self.positions = posed.skin(&self.positions, self.weights);
         self.bone_heads = Bone::ALL.map(|bone| posed.head(bone));
         self.keypoints = Joint::ALL.map(|j| posed.carry(j.bone(), self.keypoints[j as usize]));
     }
@@ -329,8 +321,14 @@ pub(crate) fn fit_outlines(
     options: &FitOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Fit {
-    let surface = Surface::new(avatar, options.coarse_count);
-    let mut body = Body::new(avatar, &surface);
+    let mut counts: Vec<usize> = options.rounds.iter().map(|r| r.coarse_count).collect();
+    counts.sort_unstable_by(|a, b| b.cmp(a));
+    counts.dedup();
+    let (rim, levels) = rayon::join(
+        || RimMesh::new(&avatar.mesh.triangles, avatar.mesh.positions.len()),
+        || Surface::levels(avatar, &counts),
+    );
+    let mut body = Body::new(avatar, &rim);
     let mut poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
     let start = views.first().map(|view| view.camera);
     let spread = if options.camera {
@@ -342,35 +340,42 @@ pub(crate) fn fit_outlines(
     let mut posture = prior.posture;
     let mut residual_px = f64::INFINITY;
     let mut transferred = Pose::default();
-    let solver = ShapeSolver::new(&surface, &body, prior.stature_mm, options);
-    if let Some(mut solver) = solver {
-        for (index, round) in options.rounds.iter().enumerate() {
-            if cancelled() {
-                break;
+    let analyze = |(&count, level)| {
+        let solver = ShapeSolver::new(level, &body, prior.stature_mm, options)?;
+        Some((count, solver))
+    };
+    let mut solvers: Vec<(usize, ShapeSolver)> =
+        counts.par_iter().zip(&levels).filter_map(analyze).collect();
+    for (index, round) in options.rounds.iter().enumerate() {
+        if cancelled() {
+            break;
+        }
+        let mut solvers = solvers.iter_mut();
+        let Some((_, solver)) = solvers.find(|(count, _)| *count == round.coarse_count) else {
+            break;
+        };
+        let matches = match_views(&body, &views, outlines, &poses, round.radius);
+        let together = step_together(
+            &body,
+            &views,
+            (outlines, &matches),
+            (&posture, &poses),
+            (start.as_ref(), &spread),
+        );
+        poses = together.poses;
+        if together.shared != SharedStep::default() {
+            for view in &mut views {
+                view.camera = together.shared.moved(&view.camera);
             }
-            let matches = match_views(&body, &views, outlines, &poses, round.radius);
-            let together = step_together(
-                &body,
-                &views,
-                (outlines, &matches),
-                (&posture, &poses),
-                (start.as_ref(), &spread),
-            );
-            poses = together.poses;
-            if together.shared != SharedStep::default() {
-                for view in &mut views {
-                    view.camera = together.shared.moved(&view.camera);
-                }
-                body.reshape(&together.shared, views[0].stature_mm);
-            }
-            let seen = (&outlines[..], &matches[..]);
-            let Some(off) = solver.step(&mut body, &views, seen, &poses, round, options) else {
-                break;
-            };
-            residual_px = off;
-            if options.transfer_mean_pose && index + 2 < options.rounds.len() {
-                transfer_mean_pose(&mut body, &mut poses, &mut posture, &mut transferred);
-            }
+            body.reshape(&together.shared, views[0].stature_mm);
+        }
+        let seen = (&outlines[..], &matches[..]);
+        let Some(off) = solver.step(&mut body, &views, seen, &poses, round, options) else {
+            break;
+        };
+        residual_px = off;
+        if options.transfer_mean_pose && index + 2 < options.rounds.len() {
+            transfer_mean_pose(&mut body, &mut poses, &mut posture, &mut transferred);
         }
     }
     let shift = body
@@ -431,9 +436,8 @@ pub(crate) fn rigid_residual(
     let Some(round) = FitOptions::default().rounds.first().copied() else {
         return f64::INFINITY;
     };
-    // Nothing is displaced, so that no coarse mesh is needed.
-    let surface = Surface::new(avatar, usize::MAX);
-    let body = Body::new(avatar, &surface);
+    let rim = RimMesh::new(&avatar.mesh.triangles, avatar.mesh.positions.len());
+    let body = Body::new(avatar, &rim);
     let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
     let find = |poses: &[Pose]| match_views(&body, views, outlines, poses, round.radius);
     let matches = find(&poses);

@@ -27,7 +27,8 @@ const CROWN_COUNT: usize = 4;
 
 /// The system of the shape step: analyzed once per surface
 #[derive(Debug)]
-pub(super) struct ShapeSolver {
+pub(super) struct ShapeSolver<'a> {
+    surface: &'a Surface,
     system: BlockSolver,
     /// Smoothness at weight 1, as places and scalar values
     bending: Vec<(Place, f64)>,
@@ -58,12 +59,12 @@ pub(super) struct Row {
     share: f64,
 }
 
-impl ShapeSolver {
+impl<'a> ShapeSolver<'a> {
     /// Analyzes the system; `None` when memory runs out
     ///
     /// `stature_mm` anchors the crown, if it is known.
     pub(super) fn new(
-        surface: &Surface,
+        surface: &'a Surface,
         body: &Body,
         stature_mm: Option<f64>,
         options: &FitOptions,
@@ -103,6 +104,7 @@ impl ShapeSolver {
             })
             .collect();
         Some(Self {
+            surface,
             system,
             bending,
             pairs,
@@ -127,23 +129,23 @@ impl ShapeSolver {
         round: &super::Round,
         options: &FitOptions,
     ) -> Option<f64> {
-        let frozen: &Body = body;
-        let rows = rows(frozen, views, outlines, poses, round);
-        let surface = frozen.surface;
+        let rows = rows(body, views, outlines, poses, round);
+        let surface = self.surface;
         let density = surface.density();
         self.system.clear();
         let mut right = vec![DVec3::ZERO; surface.coarse_count()];
         for row in rows.iter().flatten() {
             // Linear about the displacements so far.
-            let now = surface.coarse.blends[row.vertex as usize].of(&frozen.displacements);
+            let v = row.vertex as usize;
+            let now = body.positions[v] - body.rest[v];
             let target = row.gradient.dot(now) - row.residual;
-            self.add_row(surface, row.vertex, row.gradient, target, &mut right);
+            self.add_row(row.vertex, row.gradient, target, &mut right);
         }
         for anchor in &self.anchors.clone() {
-            let rest = frozen.rest[anchor.vertex as usize].y;
+            let rest = body.rest[anchor.vertex as usize].y;
             let gradient = DVec3::Y * anchor.weight.sqrt();
             let target = (anchor.height_mm - rest) * anchor.weight.sqrt();
-            self.add_row(surface, anchor.vertex, gradient, target, &mut right);
+            self.add_row(anchor.vertex, gradient, target, &mut right);
         }
         for &(place, value) in &self.bending {
             let block = DMat3::from_diagonal(DVec3::splat(round.smoothness * value));
@@ -172,7 +174,7 @@ impl ShapeSolver {
         if !self.system.solve(&mut right) {
             return None;
         }
-        body.displace(right);
+        body.displace(&surface.coarse.blends, &right);
         Some(residual(&rows, round))
     }
 
@@ -182,15 +184,8 @@ impl ShapeSolver {
     }
 
     /// Adds the square of `gradient . displacement - target` of a vertex
-    fn add_row(
-        &mut self,
-        surface: &Surface,
-        vertex: u32,
-        gradient: DVec3,
-        target: f64,
-        right: &mut [DVec3],
-    ) {
-        let blend = &surface.coarse.blends[vertex as usize];
+    fn add_row(&mut self, vertex: u32, gradient: DVec3, target: f64, right: &mut [DVec3]) {
+        let blend = &self.surface.coarse.blends[vertex as usize];
         let outer = DMat3::from_cols(
             gradient * gradient.x,
             gradient * gradient.y,

@@ -1,9 +1,8 @@
-//! The surface that is fitted: the avatar, moved by displacements of a coarse mesh on some of its vertices.
+//! What moves the surface that is fitted: displacements of a coarse mesh on some of its vertices.
 
 use glam::DVec3;
-use pirouette_geom::coarsen::{CoarseMesh, coarsen};
+use pirouette_geom::coarsen::{CoarseMesh, coarsen_levels};
 
-use super::rim::RimMesh;
 use crate::avatar::Avatar;
 use crate::skeleton::Bone;
 
@@ -21,11 +20,10 @@ const END_STIFFNESS: f64 = 1.5;
 /// Mirrored vertices are found within this distance, as a part of the stature
 const MIRROR_TOLERANCE: f64 = 0.001;
 
-/// What stays the same while a surface is fitted
+/// A coarse mesh on an avatar's vertices, and what its bending depends on
 #[derive(Debug, Clone)]
 pub(super) struct Surface {
     pub(super) coarse: CoarseMesh,
-    pub(super) rim: RimMesh,
     /// Neighbors of each coarse vertex
     pub(super) neighbors: Vec<Vec<u32>>,
     /// Bending stiffness of each coarse vertex
@@ -35,10 +33,18 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    pub(super) fn new(avatar: &Avatar, coarse_count: usize) -> Self {
+    /// Surfaces of about so many coarse vertices, in descending order, each on some of the vertices of the one before
+    pub(super) fn levels(avatar: &Avatar, coarse_counts: &[usize]) -> Vec<Self> {
         let tolerance_mm = MIRROR_TOLERANCE * avatar.stature_mm();
         let mirror = mirror_vertices(&avatar.mesh.positions, tolerance_mm);
-        let coarse = coarsen(&avatar.mesh, coarse_count, mirror.as_deref());
+        let mirror = mirror.as_deref();
+        coarsen_levels(&avatar.mesh, coarse_counts, mirror)
+            .into_iter()
+            .map(|coarse| Self::new(avatar, coarse, mirror))
+            .collect()
+    }
+
+    fn new(avatar: &Avatar, coarse: CoarseMesh, mirror: Option<&[u32]>) -> Self {
         let mut neighbors = vec![Vec::new(); coarse.vertices.len()];
         for triangle in &coarse.triangles {
             for k in 0..3 {
@@ -65,13 +71,12 @@ impl Surface {
             .vertices
             .iter()
             .map(|&v| {
-                let image = mirror.as_ref()?[v as usize];
+                let image = mirror?[v as usize];
                 let at = coarse.vertices.binary_search(&image).ok()?;
                 Some(at as u32)
             })
             .collect();
         Self {
-            rim: RimMesh::new(&avatar.mesh.triangles, avatar.mesh.positions.len()),
             coarse,
             neighbors,
             stiffness,
@@ -87,12 +92,6 @@ impl Surface {
     /// Factor of energies that are sums over coarse vertices
     pub(super) fn density(&self) -> f64 {
         NOMINAL_COUNT / self.coarse_count() as f64
-    }
-
-    /// Displacements of all vertices
-    pub(super) fn spread(&self, displacements: &[DVec3]) -> Vec<DVec3> {
-        let blends = self.coarse.blends.iter();
-        blends.map(|blend| blend.of(displacements)).collect()
     }
 }
 

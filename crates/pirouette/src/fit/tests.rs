@@ -91,10 +91,11 @@ fn figure(sex: Sex, mass_kg: f64) -> Avatar {
 }
 
 fn quick() -> FitOptions {
-    FitOptions {
-        coarse_count: 1200,
-        ..FitOptions::default()
+    let mut options = FitOptions::default();
+    for round in &mut options.rounds {
+        round.coarse_count = 1200;
     }
+    options
 }
 
 /// Mean distance between vertices that belong together, in mm
