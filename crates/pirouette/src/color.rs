@@ -11,8 +11,9 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::{Grid, Mask, TriMesh};
 use rayon::prelude::*;
 
+use crate::avatar::render::SilhouetteMesh;
 use crate::avatar::{Avatar, render};
-use crate::camera::Camera;
+use crate::camera::{Camera, Projector};
 use crate::fit::NOMINAL_STATURE_PX;
 use crate::pose::{Pose, pose_bones};
 use crate::scan::Photo;
@@ -145,23 +146,27 @@ pub fn color_surface(
     views: &[ColorView],
     options: &ColorOptions,
 ) -> Option<SurfaceColors> {
-    let neighbors = Neighbors::new(&avatar.mesh);
-    let spacings_mm = neighbors.spacings(&avatar.mesh.positions);
-    let stature_mm = avatar.stature_mm();
+    let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
+    let neighbors = Neighbors::new(mesh.edges(), avatar.mesh.positions.len());
+    let surface = Surface {
+        avatar,
+        spacings_mm: neighbors.spacings(&avatar.mesh.positions),
+        stature_mm: avatar.stature_mm(),
+        mesh,
+        neighbors,
+    };
     let lent: Vec<Vec<Lent>> = views
         .par_iter()
-        .map(|view| look(avatar, view, stature_mm, &spacings_mm, &neighbors, options))
+        .map(|view| look(&surface, view, options))
         .collect();
-    let count = avatar.mesh.positions.len();
-    let mut agreed: Vec<(DVec3, f64)> = Vec::with_capacity(count);
-    let mut view_counts = Vec::with_capacity(count);
-    for v in 0..count {
+    let of_vertex = |v: usize| {
         let of_views = || lent.iter().filter_map(|lent| lent.get(v));
         let seen = of_views().filter(|lent| lent.seen);
-        view_counts.push(seen.count() as u16);
-        agreed.push(agree(of_views()));
-    }
-    let filled = fill(&agreed, &neighbors, options.fill_rounds)?;
+        (agree(of_views()), seen.count() as u16)
+    };
+    let vertices = (0..avatar.mesh.positions.len()).into_par_iter();
+    let (agreed, view_counts): (Vec<_>, Vec<_>) = vertices.map(of_vertex).unzip();
+    let filled = fill(&agreed, &surface.neighbors, options.fill_rounds)?;
     let srgb = |linear: DVec3| {
         let channel = |v: f64| (255.0 * render::srgb_from_linear(v as f32)).round() as u8;
         linear.to_array().map(channel)
@@ -180,18 +185,23 @@ struct Lent {
     seen: bool,
 }
 
-/// What one view shows at each vertex
-fn look(
-    avatar: &Avatar,
-    view: &ColorView,
+/// The body, with what all views need to know of it
+struct Surface<'a> {
+    avatar: &'a Avatar,
+    mesh: SilhouetteMesh,
+    neighbors: Neighbors,
+    /// Mean distance of each vertex from its neighbors
+    spacings_mm: Vec<f64>,
     stature_mm: f64,
-    spacings_mm: &[f64],
-    neighbors: &Neighbors,
-    options: &ColorOptions,
-) -> Vec<Lent> {
+}
+
+/// What one view shows at each vertex
+fn look(surface: &Surface, view: &ColorView, options: &ColorOptions) -> Vec<Lent> {
+    let avatar = surface.avatar;
     let camera = &view.camera;
     let size = (camera.width_px, camera.height_px);
-    let unit_px = camera.focal_px() * stature_mm / camera.distance_mm / NOMINAL_STATURE_PX;
+    let focal_px = camera.focal_px();
+    let unit_px = focal_px * surface.stature_mm / camera.distance_mm / NOMINAL_STATURE_PX;
     if (view.photo.width(), view.photo.height()) != size
         || (view.mask.width(), view.mask.height()) != size
         || !(unit_px > 0.0 && unit_px.is_finite())
@@ -209,7 +219,9 @@ fn look(
     let overlap = options.overlap.scaled(unit_px, MAX_REACH_PX);
     let scene = Scene {
         view,
-        depth_mm: &render::depth_map(&mesh.positions, &mesh.triangles, camera),
+        projector: camera.projector(),
+        focal_px,
+        depth_mm: &surface.mesh.depth_map(&mesh.positions, camera),
         levels: &linear_levels(),
         outline,
         overlap,
@@ -219,7 +231,7 @@ fn look(
         .positions
         .iter()
         .zip(mesh.vertex_normals())
-        .zip(spacings_mm)
+        .zip(&surface.spacings_mm)
         .map(|((&position, normal), &spacing_mm)| {
             let found = scene.lend(position, normal, spacing_mm, options.sharpness);
             found.unwrap_or_default()
@@ -228,7 +240,7 @@ fn look(
     for _ in 0..FADE_ROUNDS {
         let weights: Vec<f32> = lent.iter().map(|lent| lent.weight).collect();
         for (v, lent) in lent.iter_mut().enumerate() {
-            let around = neighbors.of(v);
+            let around = surface.neighbors.of(v);
             let sum: f32 = around.iter().map(|&n| weights[n as usize]).sum();
             lent.weight = lent.weight.min(sum / around.len().max(1) as f32);
         }
@@ -261,6 +273,8 @@ fn pixels_around(reach_px: f64) -> Vec<(isize, isize, f64)> {
 /// A photo and what of the body it shows
 struct Scene<'a> {
     view: &'a ColorView<'a>,
+    projector: Projector,
+    focal_px: f64,
     depth_mm: &'a Grid<f32>,
     /// Linear light of each level of the photo
     levels: &'a [f32; 256],
@@ -282,12 +296,13 @@ impl Scene<'_> {
         let camera = &self.view.camera;
         let to_camera = (camera.center() - position).try_normalize()?;
         let cosine = normal.dot(to_camera);
-        let (at, depth_mm) = (camera.project(position), camera.depth(position));
+        let seen = self.projector.view_from_room(position);
+        let (at, depth_mm) = (self.projector.photo_from_view(seen), seen.z);
         // also drops NaN
         if !(cosine > MIN_COSINE && depth_mm > render::MIN_DEPTH_MM && at.is_finite()) {
             return None;
         }
-        let px_per_mm = camera.focal_px() / depth_mm;
+        let px_per_mm = self.focal_px / depth_mm;
         let (outline_px, overlap_px) = self.borders_px(at, depth_mm, px_per_mm);
         let clear = self.outline.weight(outline_px) * self.overlap.weight(overlap_px);
         let facing = (cosine - MIN_COSINE) / (1.0 - MIN_COSINE);
@@ -456,9 +471,8 @@ struct Neighbors {
 }
 
 impl Neighbors {
-    fn new(mesh: &TriMesh) -> Self {
-        let edges = mesh.edges();
-        let mut first = vec![0u32; mesh.positions.len() + 1];
+    fn new(edges: &[[u32; 2]], vertex_count: usize) -> Self {
+        let mut first = vec![0u32; vertex_count + 1];
         for &v in edges.iter().flatten() {
             first[v as usize + 1] += 1;
         }
@@ -467,7 +481,7 @@ impl Neighbors {
         }
         let mut next = first.clone();
         let mut all = vec![0; 2 * edges.len()];
-        for [a, b] in edges {
+        for &[a, b] in edges {
             for (from, to) in [(a, b), (b, a)] {
                 let slot = &mut next[from as usize];
                 all[*slot as usize] = to;

@@ -78,13 +78,12 @@ impl MeasureInput<'_> {
 /// Never fails as a whole: what cannot be had is missing with its reason.
 pub fn measure(input: &MeasureInput) -> Measurements {
     let avatar = input.avatar;
-    let edges = SilhouetteMesh::new(&avatar.mesh.triangles);
-    let views: Vec<SeenView> = input
-        .views
-        .par_iter()
-        .filter_map(|view| see(avatar, &edges, view))
-        .collect();
-    let figure = Figure::new(avatar);
+    let see_views = || -> Vec<SeenView> {
+        let edges = SilhouetteMesh::new(&avatar.mesh.triangles);
+        let views = input.views.par_iter();
+        views.filter_map(|view| see(avatar, &edges, view)).collect()
+    };
+    let (views, figure) = rayon::join(see_views, || Figure::new(avatar));
     let scale_sd = lengths::scale_sd(input);
     let values = Measure::ALL.into_par_iter().map(|measure| {
         let measured = match measure {

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 use pirouette_geom::Grid;
 
-use super::MIN_DEPTH_MM;
+use super::{MIN_DEPTH_MM, SilhouetteMesh};
 use crate::avatar::Avatar;
 use crate::camera::Camera;
 use crate::pose::PosedBones;
@@ -35,12 +35,34 @@ impl NearestSurface {
     pub const NONE: u32 = u32::MAX;
 }
 
-/// Depth along the optical axis, in mm, of the nearest surface at each pixel center; infinite where nothing is
-///
-/// # Panics
-/// When a triangle names a vertex that does not exist.
-pub fn depth_map(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Camera) -> Grid<f32> {
-    nearest_surface(positions, triangles, camera).depth_mm
+impl SilhouetteMesh {
+    /// Depth along the optical axis, in mm, of the nearest surface at each pixel center; infinite where nothing is
+    ///
+    /// Of a closed mesh whose triangles run counter-clockwise seen from outside, only those that face the camera are drawn.
+    ///
+    /// # Panics
+    /// When a triangle names a vertex that does not exist.
+    pub fn depth_map(&self, positions: &[DVec3], camera: &Camera) -> Grid<f32> {
+        let vertices = see_all(positions, camera);
+        let size = (camera.width_px, camera.height_px);
+        let faces = self.faces_to_draw(positions);
+        let buffer = DepthBuffer::draw(size, &vertices, &self.triangles, faces);
+        buffer.depth_mm()
+    }
+
+    pub(super) fn faces_to_draw(&self, positions: &[DVec3]) -> Faces {
+        if self.closed && volume(positions, &self.triangles) > 0.0 {
+            Faces::Outside
+        } else {
+            Faces::Both
+        }
+    }
+}
+
+/// Six times the signed volume; positive when triangles run counter-clockwise seen from outside
+fn volume(positions: &[DVec3], triangles: &[[u32; 3]]) -> f64 {
+    let corners = triangles.iter().map(|t| t.map(|v| positions[v as usize]));
+    corners.map(|[a, b, c]| a.cross(b).dot(c)).sum()
 }
 
 /// Finds depth and triangle of the nearest surface at each pixel center
@@ -56,8 +78,7 @@ pub fn nearest_surface(
     let size = (camera.width_px, camera.height_px);
     let buffer = DepthBuffer::draw(size, &vertices, triangles, Faces::Both);
     NearestSurface {
-        // 1 / 0 is infinite
-        depth_mm: buffer.nearness.map(|&nearness| 1.0 / nearness),
+        depth_mm: buffer.depth_mm(),
         triangle: buffer.triangle,
     }
 }
@@ -72,8 +93,10 @@ pub(super) struct Seen {
 
 /// Every vertex as the camera sees it, `None` behind the camera or not finite
 pub(super) fn see_all(positions: &[DVec3], camera: &Camera) -> Vec<Option<Seen>> {
+    let projector = camera.projector();
     let see = |&p: &DVec3| {
-        let (photo, depth) = (camera.project(p), camera.depth(p));
+        let view = projector.view_from_room(p);
+        let (photo, depth) = (projector.photo_from_view(view), view.z);
         (depth > MIN_DEPTH_MM && depth.is_finite() && photo.is_finite()).then_some(Seen {
             photo,
             nearness: 1.0 / depth,
@@ -135,6 +158,11 @@ impl DepthBuffer {
             );
         }
         buffer
+    }
+
+    fn depth_mm(&self) -> Grid<f32> {
+        // 1 / 0 is infinite
+        self.nearness.map(|&nearness| 1.0 / nearness)
     }
 }
 
@@ -283,7 +311,7 @@ mod tests {
             DVec3::new(300.0, 600.0, z),
             DVec3::new(0.0, 1300.0, z),
         ];
-        let map = depth_map(&positions, &[[0, 1, 2]], &camera());
+        let map = SilhouetteMesh::new(&[[0, 1, 2]]).depth_map(&positions, &camera());
         assert!((map[(80, 100)] - 2400.0).abs() < 1e-2);
         assert!(map[(0, 0)].is_infinite());
     }
@@ -297,11 +325,31 @@ mod tests {
             DVec3::new(0.0, 1500.0, 0.0),
         ];
         let normal = (positions[1] - positions[0]).cross(positions[2] - positions[0]);
-        let map = depth_map(&positions, &[[0, 1, 2]], &camera);
+        let map = SilhouetteMesh::new(&[[0, 1, 2]]).depth_map(&positions, &camera);
         let ray = camera.ray(DVec2::new(70.5, 110.5));
         let t = normal.dot(positions[0] - camera.center()) / normal.dot(ray);
         let expected = camera.depth(camera.center() + ray * t);
         assert!((f64::from(map[(70, 110)]) - expected).abs() < 1e-2);
+    }
+
+    #[test]
+    fn the_far_side_of_a_closed_surface_changes_no_depth() {
+        let (positions, mut triangles) = sphere(DVec3::new(30.0, 900.0, 0.0), 300.0, 12);
+        let near = SilhouetteMesh::new(&triangles).depth_map(&positions, &camera());
+        let both = nearest_surface(&positions, &triangles, &camera());
+        assert_eq!(near, both.depth_mm);
+        // seen from inside out, nothing may be left out
+        for triangle in &mut triangles {
+            triangle.reverse();
+        }
+        let reversed = SilhouetteMesh::new(&triangles).depth_map(&positions, &camera());
+        let differing = reversed.as_slice().iter().zip(near.as_slice());
+        assert!(
+            differing
+                .filter(|(a, b)| a.is_finite() && (*a - *b).abs() < 1e-2)
+                .count()
+                > 1000
+        );
     }
 
     #[test]

@@ -17,7 +17,7 @@ use pirouette_geom::triangle_sides::sides_by_edge;
 use crate::camera::Camera;
 
 pub use depth::{
-    MIN_VISIBLE_SHARE, NearestSurface, depth_map, nearest_surface, visible_bones, visible_shares,
+    MIN_VISIBLE_SHARE, NearestSurface, nearest_surface, visible_bones, visible_shares,
     visible_vertices,
 };
 pub use shade::{Layer, shade, shade_layer};
@@ -82,6 +82,11 @@ impl SilhouetteMesh {
         }
         mesh.first_side.push(mesh.sides.len() as u32);
         mesh
+    }
+
+    /// Every edge once, lower vertex first
+    pub fn edges(&self) -> &[[u32; 2]] {
+        &self.edges
     }
 
     /// The triangles it was made of

@@ -7,7 +7,7 @@ use pirouette_geom::Grid;
 use rayon::prelude::*;
 
 use super::SilhouetteMesh;
-use super::depth::{DepthBuffer, Faces, NearestSurface, Seen, see_all};
+use super::depth::{DepthBuffer, NearestSurface, Seen, see_all};
 use crate::camera::Camera;
 use crate::scan::Photo;
 
@@ -213,11 +213,7 @@ impl<'a> Samples<'a> {
             seen.photo = (seen.photo - corner) * SAMPLES as f64;
         }
         let size = (window.width * SAMPLES, window.height * SAMPLES);
-        let faces = if mesh.closed && volume(positions, mesh.triangles()) > 0.0 {
-            Faces::Outside
-        } else {
-            Faces::Both
-        };
+        let faces = mesh.faces_to_draw(positions);
         Some(Self {
             buffer: DepthBuffer::draw(size, &vertices, mesh.triangles(), faces),
             normals: vertex_normals(positions, mesh.triangles()),
@@ -287,12 +283,6 @@ impl<'a> Samples<'a> {
         }
         Some((normal.try_normalize().unwrap_or(DVec3::Z), albedo))
     }
-}
-
-/// Six times the signed volume; positive when triangles run counter-clockwise seen from outside
-fn volume(positions: &[DVec3], triangles: &[[u32; 3]]) -> f64 {
-    let corners = triangles.iter().map(|t| t.map(|v| positions[v as usize]));
-    corners.map(|[a, b, c]| a.cross(b).dot(c)).sum()
 }
 
 /// Area-weighted unit normals; zero where a vertex has no area around it
