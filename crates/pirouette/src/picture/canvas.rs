@@ -22,6 +22,29 @@ pub(super) fn mix(pixel: &mut Color, color: Color, alpha: f64) {
     }
 }
 
+/// What [`mix`] makes of every level, for one color and strength: for many pixels
+pub(super) struct Tint([[u8; 256]; 3]);
+
+impl Tint {
+    pub(super) fn new(color: Color, alpha: f64) -> Self {
+        let mut levels = [[0; 256]; 3];
+        for level in 0..=255 {
+            let mut pixel = [level; 3];
+            mix(&mut pixel, color, alpha);
+            for (levels, mixed) in levels.iter_mut().zip(pixel) {
+                levels[level as usize] = mixed;
+            }
+        }
+        Self(levels)
+    }
+
+    pub(super) fn apply(&self, pixel: &mut Color) {
+        for (p, levels) in pixel.iter_mut().zip(&self.0) {
+            *p = levels[*p as usize];
+        }
+    }
+}
+
 /// Columns or rows whose centers can lie within `reach` of what spans `low` to `high`
 fn span(low: f64, high: f64, reach: f64, size: usize) -> std::ops::Range<usize> {
     let end = (high + reach + 1.0).clamp(0.0, size as f64) as usize;

@@ -5,7 +5,7 @@ use pirouette_geom::Grid;
 use pirouette_geom::contour::trace_outline;
 use pirouette_segment::seeds::Seed;
 
-use super::canvas::{self, Color, disc, mix, stroke, tint_box};
+use super::canvas::{self, Color, Tint, disc, stroke, tint_box};
 use super::{CONTOUR_COLOR, DETECTED_COLOR, SKELETON_LINES, TARGET_COLOR};
 use crate::scan::Photo;
 use crate::skeleton::{Joint, Keypoints};
@@ -42,9 +42,15 @@ pub fn overlay(input: &OverlayInput) -> Photo {
     let unit = (photo.height() as f64 / NOMINAL_HEIGHT_PX).max(0.6);
     let seeds = input.seeds.filter(|seeds| seeds.same_size(&photo));
     if let Some(seeds) = seeds {
+        let [person, probably, doubtful] =
+            [PERSON_TINT, PROBABLE_PERSON_TINT, PROBABLE_BACKGROUND_TINT]
+                .map(|(color, alpha)| Tint::new(color, alpha));
         for (pixel, seed) in photo.as_mut_slice().iter_mut().zip(seeds.as_slice()) {
-            if let Some((color, alpha)) = tint(*seed) {
-                mix(pixel, color, alpha);
+            match seed {
+                Seed::Background => {}
+                Seed::ProbableBackground => doubtful.apply(pixel),
+                Seed::ProbablePerson => probably.apply(pixel),
+                Seed::Person => person.apply(pixel),
             }
         }
     }
@@ -89,15 +95,6 @@ pub fn overlay(input: &OverlayInput) -> Photo {
 
 /// Keypoints above this confidence (0 to 1) are drawn large
 pub const SURE_CONFIDENCE: f64 = 0.5;
-
-fn tint(seed: Seed) -> Option<(Color, f64)> {
-    match seed {
-        Seed::Background => None,
-        Seed::ProbableBackground => Some(PROBABLE_BACKGROUND_TINT),
-        Seed::ProbablePerson => Some(PROBABLE_PERSON_TINT),
-        Seed::Person => Some(PERSON_TINT),
-    }
-}
 
 fn draw_skeleton(
     photo: &mut Photo,

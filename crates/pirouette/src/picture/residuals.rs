@@ -6,7 +6,9 @@ use pirouette_geom::distance_map::{bilinear, signed_distance};
 use pirouette_geom::{Grid, Mask};
 use rayon::prelude::*;
 
-use super::canvas::{self, Color, Crop, PixelBox, mix, paste, shrink, sized_box, stroke, tint_box};
+use super::canvas::{
+    self, Color, Crop, PixelBox, Tint, mix, paste, shrink, sized_box, stroke, tint_box,
+};
 use crate::scan::Photo;
 use crate::units::TurnAngle;
 
@@ -125,8 +127,9 @@ pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: u
 /// The dimmed photo with its outline, and the mean distance of the outline, in mm
 fn tile(view: &ResidualView, person: &Mask, crop: Crop, tile_width: usize) -> (Photo, Option<f64>) {
     let mut tile = shrink(view.photo, crop, tile_width, TILE_HEIGHT_PX);
+    let dimmed = Tint::new(DARK, 1.0 - DIMMED);
     for pixel in tile.as_mut_slice() {
-        mix(pixel, DARK, 1.0 - DIMMED);
+        dimmed.apply(pixel);
     }
     let size = DVec2::new(
         view.silhouette.width() as f64,

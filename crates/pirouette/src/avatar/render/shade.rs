@@ -31,7 +31,8 @@ pub struct Layer {
 
 /// Draws a surface with smooth shading before a light background
 ///
-/// `colors` are linear RGB, one per vertex; clay without. Normals are the area-weighted means of the triangles'.
+/// `colors` are linear RGB, one per vertex; clay without. Normals are the area-weighted means of the triangles'. The outline
+/// is as fine as four samples per pixel tell.
 ///
 /// # Panics
 /// When a triangle names a vertex that does not exist, or there are colors for some vertices only.
@@ -41,31 +42,74 @@ pub fn shade(
     colors: Option<&[[f32; 3]]>,
     camera: &Camera,
 ) -> Photo {
-    let layer = draw_layer(mesh, positions, camera, |c| c, colors, Detail::Smooth);
+    check_colors(colors, positions);
     let (width, height) = (camera.width_px, camera.height_px);
     let mut photo = Photo::filled(width, height, [0; 3]);
-    for y in 0..height {
+    let behind = |y: usize| -> [f32; 3] {
         let t = y as f32 / (height.max(2) - 1) as f32;
-        let behind: [f32; 3] =
-            std::array::from_fn(|k| BACKGROUND[0][k] * (1.0 - t) + BACKGROUND[1][k] * t);
-        let linear = behind.map(|v| linear_from_srgb(v / 255.0));
-        let row = photo.row_mut(y);
-        for (x, pixel) in row.iter_mut().enumerate() {
-            let (alpha, color) = (layer.coverage[(x, y)], layer.color[(x, y)]);
-            *pixel = std::array::from_fn(|k| {
-                if alpha > 0.0 {
-                    level_from_linear(linear[k] * (1.0 - alpha) + color[k] * alpha)
-                } else {
-                    (behind[k] + 0.5) as u8
-                }
-            });
-        }
+        std::array::from_fn(|k| BACKGROUND[0][k] * (1.0 - t) + BACKGROUND[1][k] * t)
+    };
+    for y in 0..height {
+        photo.row_mut(y).fill(behind(y).map(|v| (v + 0.5) as u8));
     }
+    let Some(samples) = Samples::draw(positions, mesh, camera) else {
+        return photo;
+    };
+    // Colors hardly change between neighboring vertices: light falls on these only.
+    let lights = Lights::new();
+    let lit = |(v, normal)| lights.on(normal, colors.map_or(CLAY, |colors| colors[v]));
+    let normals = vertex_normals(positions, mesh.triangles());
+    let lit: Vec<[f32; 3]> = normals.into_iter().enumerate().map(lit).collect();
+    let color_at = |(triangle, weights): ([u32; 3], [f64; 3])| {
+        let mut color = [0.0; 3];
+        for (&v, w) in triangle.iter().zip(weights) {
+            for (channel, value) in color.iter_mut().zip(lit[v as usize]) {
+                *channel += value * w as f32;
+            }
+        }
+        color
+    };
+    let window = &samples.window;
     photo
+        .as_mut_slice()
+        .par_chunks_mut(width)
+        .skip(window.y)
+        .take(window.height)
+        .enumerate()
+        .for_each(|(y, row)| {
+            let linear = behind(window.y + y).map(|v| linear_from_srgb(v / 255.0));
+            let row = &mut row[window.x..window.x + window.width];
+            for (x, pixel) in row.iter_mut().enumerate() {
+                let (color, share) = if samples.one_surface(x, y) {
+                    match samples.at_center(x, y) {
+                        Some(place) => (color_at(place), 1.0),
+                        None => continue,
+                    }
+                } else {
+                    let found = samples.of_pixel(x, y).map(color_at);
+                    let Some((color, count)) = mean(found) else {
+                        continue;
+                    };
+                    (color, count / (SAMPLES * SAMPLES) as f32)
+                };
+                *pixel = std::array::from_fn(|k| {
+                    level_from_linear(linear[k] * (1.0 - share) + color[k] * share)
+                });
+            }
+        });
+    photo
+}
+
+fn check_colors(colors: Option<&[[f32; 3]]>, positions: &[DVec3]) {
+    if let Some(colors) = colors {
+        assert_eq!(colors.len(), positions.len(), "one color per vertex");
+    }
 }
 
 /// Draws a surface into a layer; `paint` gives the linear color of a point from the color interpolated between the
 /// vertices
+///
+/// The coverage is exact; colors are taken at four samples per pixel.
 ///
 /// # Panics
 /// When a triangle names a vertex that does not exist, or there are colors for some vertices only.
@@ -76,56 +120,35 @@ pub fn shade_layer(
     paint: impl Fn([f32; 3]) -> [f32; 3] + Sync,
     colors: Option<&[[f32; 3]]>,
 ) -> Layer {
-    draw_layer(mesh, positions, camera, paint, colors, Detail::Fine)
-}
-
-/// How often a surface is sampled
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Detail {
-    /// Colors that change between vertices: at every sample
-    Fine,
-    /// Colors that hardly change within a pixel: once where all its samples see the same part of the surface
-    Smooth,
-}
-
-fn draw_layer(
-    mesh: &SilhouetteMesh,
-    positions: &[DVec3],
-    camera: &Camera,
-    paint: impl Fn([f32; 3]) -> [f32; 3] + Sync,
-    colors: Option<&[[f32; 3]]>,
-    detail: Detail,
-) -> Layer {
-    if let Some(colors) = colors {
-        assert_eq!(colors.len(), positions.len(), "one color per vertex");
-    }
+    check_colors(colors, positions);
     let (width, height) = (camera.width_px, camera.height_px);
     let mut layer = Layer {
         color: Grid::filled(width, height, [0.0; 3]),
         coverage: mesh.silhouette(positions, camera),
     };
-    let Some(samples) = Samples::draw(positions, mesh, colors, camera) else {
+    let Some(samples) = Samples::draw(positions, mesh, camera) else {
         return layer;
     };
     let lights = Lights::new();
-    let lit = |(normal, albedo)| lights.on(normal, paint(albedo));
+    let normals = vertex_normals(positions, mesh.triangles());
+    let lit = |(triangle, weights): ([u32; 3], [f64; 3])| {
+        let corners = triangle.iter().zip(weights);
+        let normal: DVec3 = corners.map(|(&v, w)| normals[v as usize] * w).sum();
+        let mut albedo = CLAY;
+        if let Some(colors) = colors {
+            albedo = [0.0; 3];
+            for (&v, w) in triangle.iter().zip(weights) {
+                for (channel, value) in albedo.iter_mut().zip(colors[v as usize]) {
+                    *channel += value * w as f32;
+                }
+            }
+        }
+        lights.on(normal.try_normalize().unwrap_or(DVec3::Z), paint(albedo))
+    };
+    let color = |x, y| mean(samples.of_pixel(x, y).map(lit)).map(|(color, _)| color);
     let rows: Vec<Vec<Option<[f32; 3]>>> = (0..samples.window.height)
         .into_par_iter()
-        .map(|y| {
-            (0..samples.window.width)
-                .map(|x| {
-                    if detail == Detail::Smooth && samples.one_surface(x, y) {
-                        return samples.at_center(x, y).map(lit);
-                    }
-                    let found = (0..SAMPLES * SAMPLES).filter_map(|k| {
-                        samples
-                            .at((x * SAMPLES + k % SAMPLES, y * SAMPLES + k / SAMPLES))
-                            .map(lit)
-                    });
-                    mean(found)
-                })
-                .collect()
-        })
+        .map(|y| (0..samples.window.width).map(|x| color(x, y)).collect())
         .collect();
     for (y, row) in rows.iter().enumerate() {
         for (x, sampled) in row.iter().enumerate() {
@@ -137,11 +160,8 @@ fn draw_layer(
             let around = || {
                 let near_rows = &rows[y.saturating_sub(1)..(y + 2).min(rows.len())];
                 let columns = x.saturating_sub(1)..(x + 2).min(row.len());
-                mean(
-                    near_rows
-                        .iter()
-                        .flat_map(|r| r[columns.clone()].iter().flatten().copied()),
-                )
+                let near = near_rows.iter().flat_map(|r| &r[columns.clone()]);
+                mean(near.flatten().copied()).map(|(color, _)| color)
             };
             layer.color[at] = sampled.or_else(around).unwrap_or_default();
         }
@@ -149,14 +169,14 @@ fn draw_layer(
     layer
 }
 
-/// Mean color, `None` of none
-fn mean(colors: impl Iterator<Item = [f32; 3]>) -> Option<[f32; 3]> {
+/// Mean color and number of colors, `None` of none
+fn mean(colors: impl Iterator<Item = [f32; 3]>) -> Option<([f32; 3], f32)> {
     let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
     for color in colors {
         sum = std::array::from_fn(|i| sum[i] + color[i]);
         count += 1.0;
     }
-    (count > 0.0).then(|| sum.map(|v| v / count))
+    (count > 0.0).then(|| (sum.map(|v| v / count), count))
 }
 
 /// The pixels around a surface
@@ -193,19 +213,12 @@ impl Window {
 struct Samples<'a> {
     window: Window,
     triangles: &'a [[u32; 3]],
-    colors: Option<&'a [[f32; 3]]>,
-    normals: Vec<DVec3>,
     vertices: Vec<Option<Seen>>,
     buffer: DepthBuffer,
 }
 
 impl<'a> Samples<'a> {
-    fn draw(
-        positions: &[DVec3],
-        mesh: &'a SilhouetteMesh,
-        colors: Option<&'a [[f32; 3]]>,
-        camera: &Camera,
-    ) -> Option<Self> {
+    fn draw(positions: &[DVec3], mesh: &'a SilhouetteMesh, camera: &Camera) -> Option<Self> {
         let mut vertices = see_all(positions, camera);
         let window = Window::around(&vertices, camera)?;
         let corner = DVec2::new(window.x as f64, window.y as f64);
@@ -216,15 +229,15 @@ impl<'a> Samples<'a> {
         let faces = mesh.faces_to_draw(positions);
         Some(Self {
             buffer: DepthBuffer::draw(size, &vertices, mesh.triangles(), faces),
-            normals: vertex_normals(positions, mesh.triangles()),
             window,
             triangles: mesh.triangles(),
-            colors,
             vertices,
         })
     }
 
     /// Whether all samples of a pixel see parts of the surface that lie next to each other
+    ///
+    /// One of them tells its color.
     fn one_surface(&self, x: usize, y: usize) -> bool {
         /// Parts differ by less than this share of their distance; a hand before the trunk is farther off
         const NEXT: f32 = 0.002;
@@ -238,20 +251,25 @@ impl<'a> Samples<'a> {
         far > 0.0 && near - far < NEXT * near
     }
 
-    /// Unit normal and color of the surface at a sample, `None` where nothing is
-    fn at(&self, (x, y): (usize, usize)) -> Option<(DVec3, [f32; 3])> {
-        let point = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-        self.on_triangle(self.buffer.triangle[(x, y)], point)
+    /// What the samples of a pixel see, without those that see nothing: a triangle, and where on it
+    fn of_pixel(&self, x: usize, y: usize) -> impl Iterator<Item = ([u32; 3], [f64; 3])> {
+        let samples = (0..SAMPLES * SAMPLES).map(move |k| (k % SAMPLES, k / SAMPLES));
+        samples.filter_map(move |(dx, dy)| {
+            let (x, y) = (x * SAMPLES + dx, y * SAMPLES + dy);
+            let point = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+            self.on_triangle(self.buffer.triangle[(x, y)], point)
+        })
     }
 
     /// The same in the middle of a pixel, on the surface of its first sample
-    fn at_center(&self, x: usize, y: usize) -> Option<(DVec3, [f32; 3])> {
+    fn at_center(&self, x: usize, y: usize) -> Option<([u32; 3], [f64; 3])> {
         let triangle = self.buffer.triangle[(x * SAMPLES, y * SAMPLES)];
         let center = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) * SAMPLES as f64;
         self.on_triangle(triangle, center)
     }
 
-    fn on_triangle(&self, triangle: u32, point: DVec2) -> Option<(DVec3, [f32; 3])> {
+    /// The corners of a triangle, and their perspective-correct weights at a point of the picture
+    fn on_triangle(&self, triangle: u32, point: DVec2) -> Option<([u32; 3], [f64; 3])> {
         if triangle == NearestSurface::NONE {
             return None;
         }
@@ -262,26 +280,13 @@ impl<'a> Samples<'a> {
         let p = point - a.photo;
         let area = ab.perp_dot(ac);
         let (wb, wc) = (p.perp_dot(ac) / area, ab.perp_dot(p) / area);
-        // perspective-correct weights
         let raw = [
             (1.0 - wb - wc) * a.nearness,
             wb * b.nearness,
             wc * c.nearness,
         ];
         let sum: f64 = raw.iter().sum();
-        let weights = raw.map(|w| w / sum);
-        let corners = triangle.iter().zip(weights);
-        let normal: DVec3 = corners.map(|(&v, w)| self.normals[v as usize] * w).sum();
-        let mut albedo = CLAY;
-        if let Some(colors) = self.colors {
-            albedo = [0.0; 3];
-            for (&v, w) in triangle.iter().zip(weights) {
-                for (channel, value) in albedo.iter_mut().zip(colors[v as usize]) {
-                    *channel += value * w as f32;
-                }
-            }
-        }
-        Some((normal.try_normalize().unwrap_or(DVec3::Z), albedo))
+        Some((triangle, raw.map(|w| w / sum)))
     }
 }
 
