@@ -10,58 +10,106 @@ const ROUNDING: f64 = 1.0 + 1e-6;
 
 /// Pixels whose center is at most `radius` px from a pixel of the given value
 ///
-/// Down the columns first: how far the nearest such pixel is, if it is near enough. In a row, a pixel at that height
-/// covers a stretch whose length a table tells.
+/// On rows of bits: each row is widened to the disc's rows one after the other, from the narrowest to the widest, and
+/// each time laid over the rows above and below.
 fn within(mask: &Mask, radius: f64, value: bool) -> Mask {
     let (width, height) = (mask.width(), mask.height());
-    let radius = radius * ROUNDING;
-    // No disc needs to be larger than the image.
-    let reach = (radius.min((width + height) as f64) as usize).min(usize::from(u16::MAX) - 1);
-    let far = reach as u16 + 1;
-    let half_widths: Vec<usize> = (0..=reach)
-        .map(|dy| {
-            let limit = radius.min(2.0 * (width + height) as f64).powi(2) - (dy * dy) as f64;
-            let mut dx = limit.max(0.0).sqrt() as usize;
-            while ((dx + 1) * (dx + 1)) as f64 <= limit {
-                dx += 1;
+    let half_widths = half_widths(radius * ROUNDING, width, height);
+    let words = width.div_ceil(WORD);
+    let mut covered = vec![0_u64; words * height];
+    // with an empty word at either end
+    let (mut wide, mut narrow) = (vec![0_u64; words], vec![0_u64; words + 2]);
+    for y in 0..height {
+        pack(mask.row(y), value, &mut wide);
+        if wide.iter().all(|&word| word == 0) {
+            continue;
+        }
+        let mut half = 0;
+        for (dy, &wanted) in half_widths.iter().enumerate().rev() {
+            while half < wanted {
+                // What is widened already consists of stretches of at least so many pixels, even where the image cuts
+                // them off, and nothing is left open between their copies.
+                let step = (wanted - half).min(half + 1).min(WORD - 1);
+                narrow[1..=words].copy_from_slice(&wide);
+                add_shifted(&mut wide, &narrow, step);
+                half += step;
             }
-            dx
-        })
-        .collect();
-    // Rows from a pixel of the value at or above, row by row; then the nearer of that and one below.
-    let mut above = vec![far; width * height];
-    let mut nearest = vec![far; width];
-    for (y, rows) in above.chunks_exact_mut(width.max(1)).enumerate() {
-        for ((row, near), &v) in rows.iter_mut().zip(&mut nearest).zip(mask.row(y)) {
-            *near = if v == value { 0 } else { far.min(*near + 1) };
-            *row = *near;
+            let above = y.checked_sub(dy);
+            let below = (dy > 0 && y + dy < height).then_some(y + dy);
+            for row in above.into_iter().chain(below) {
+                let row = &mut covered[words * row..words * (row + 1)];
+                for (covered, wide) in row.iter_mut().zip(&wide) {
+                    *covered |= wide;
+                }
+            }
         }
     }
     let mut out = Mask::filled(width, height, false);
-    // Stretches that begin at a pixel, less those that have ended before it
-    let mut starts = vec![0_i32; width + 1];
-    nearest.fill(far);
-    for y in (0..height).rev() {
-        let rows = &above[y * width..(y + 1) * width];
-        for (near, &v) in nearest.iter_mut().zip(mask.row(y)) {
-            *near = if v == value { 0 } else { far.min(*near + 1) };
-        }
-        starts.fill(0);
-        for (x, (&down, &up)) in nearest.iter().zip(rows).enumerate() {
-            let dy = down.min(up);
-            if dy < far {
-                let half = half_widths[usize::from(dy)];
-                starts[x.saturating_sub(half)] += 1;
-                starts[(x + half + 1).min(width)] -= 1;
-            }
-        }
-        let mut open = 0;
-        for (covered, start) in out.row_mut(y).iter_mut().zip(&starts) {
-            open += start;
-            *covered = open > 0;
-        }
+    for (y, words) in covered.chunks_exact(words.max(1)).take(height).enumerate() {
+        unpack(words, out.row_mut(y));
     }
     out
+}
+
+/// Pixels to a word
+const WORD: usize = u64::BITS as usize;
+
+/// How far a disc reaches to either side, in its middle row and in those below, as far as an image has rows
+fn half_widths(radius: f64, width: usize, height: usize) -> Vec<usize> {
+    // No disc needs to be larger than the image.
+    let radius = radius.min((width + height) as f64);
+    let reach = (radius as usize).min(height.saturating_sub(1));
+    let half_width = |dy: usize| {
+        let limit = radius * radius - (dy * dy) as f64;
+        let mut dx = limit.max(0.0).sqrt() as usize;
+        while ((dx + 1) * (dx + 1)) as f64 <= limit {
+            dx += 1;
+        }
+        dx.min(width)
+    };
+    (0..=reach).map(half_width).collect()
+}
+
+/// One in each byte
+const ONES: u64 = u64::MAX / 255;
+
+/// One bit for each pixel of a row, set where it has the value
+fn pack(row: &[bool], value: bool, words: &mut [u64]) {
+    let flip = if value { 0 } else { ONES };
+    for (word, pixels) in words.iter_mut().zip(row.chunks(WORD)) {
+        *word = 0;
+        for (i, pixels) in pixels.chunks(8).enumerate() {
+            let mut bytes = [u8::from(!value); 8];
+            for (byte, &pixel) in bytes.iter_mut().zip(pixels) {
+                *byte = u8::from(pixel);
+            }
+            // The product brings bit 0 of byte k to bit 56 + k.
+            let bits = (u64::from_le_bytes(bytes) ^ flip).wrapping_mul(0x0102_0408_1020_4080);
+            *word |= bits >> 56 << (8 * i);
+        }
+    }
+}
+
+/// The pixels of a row whose bits are set
+fn unpack(words: &[u64], row: &mut [bool]) {
+    for (pixels, word) in row.chunks_mut(WORD).zip(words) {
+        for (pixels, byte) in pixels.chunks_mut(8).zip(word.to_le_bytes()) {
+            // Byte k keeps bit k, which is brought to bit 7 by adding 127, and on to bit 0.
+            let own = (u64::from(byte) * ONES) & 0x8040_2010_0804_0201;
+            let set = (own + 127 * ONES) >> 7 & ONES;
+            for (pixel, set) in pixels.iter_mut().zip(set.to_le_bytes()) {
+                *pixel = set != 0;
+            }
+        }
+    }
+}
+
+/// Adds a row of bits, which has one word more at either end, moved by 1 to 63 pixels to the left and to the right
+fn add_shifted(row: &mut [u64], by: &[u64], pixels: usize) {
+    let back = WORD - pixels;
+    for (word, near) in row.iter_mut().zip(by.windows(3)) {
+        *word |= near[1] << pixels | near[0] >> back | near[1] >> pixels | near[2] << back;
+    }
 }
 
 /// Adds every pixel whose center is at most `radius` px from a pixel inside
@@ -306,6 +354,13 @@ mod tests {
         })
     }
 
+    fn sparse_wide_masks() -> impl Strategy<Value = Mask> {
+        (1usize..300, 1usize..5).prop_flat_map(|(width, height)| {
+            prop::collection::vec(prop::bool::weighted(0.01), width * height)
+                .prop_map(move |data| Mask::from_vec(width, height, data))
+        })
+    }
+
     fn dilate_reference(mask: &Mask, radius: f64) -> Mask {
         Mask::from_fn(mask.width(), mask.height(), |x, y| {
             (0..mask.height()).any(|v| {
@@ -397,6 +452,11 @@ mod tests {
         #[test]
         fn dilation_agrees_with_looking_at_every_pixel(mask in masks(), radius in 0.0..6.0f64, whole: bool) {
             let radius = if whole { radius.round() } else { radius };
+            prop_assert_eq!(dilate(&mask, radius), dilate_reference(&mask, radius));
+        }
+
+        #[test]
+        fn dilation_reaches_across_words(mask in sparse_wide_masks(), radius in 0.0..150.0f64) {
             prop_assert_eq!(dilate(&mask, radius), dilate_reference(&mask, radius));
         }
 
