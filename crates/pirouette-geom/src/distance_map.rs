@@ -28,7 +28,9 @@ pub fn distance_to(mask: &Mask) -> Grid<f32> {
     let mut distance = Grid::filled(mask.width(), mask.height(), f32::INFINITY);
     let mut envelope = Envelope::new(mask.width());
     for y in 0..mask.height() {
-        row_distances(rows.row(y), distance.row_mut(y), &mut envelope);
+        row_distances(rows.row(y), distance.row_mut(y), |columns, row| {
+            gap_distances(columns, row, &mut envelope);
+        });
     }
     distance
 }
@@ -45,9 +47,44 @@ pub fn distance_to(mask: &Mask) -> Grid<f32> {
 /// assert_eq!(distance.as_slice(), &[1.5, 0.5, -0.5, -1.5]);
 /// ```
 pub fn signed_distance(mask: &Mask) -> Grid<f32> {
+    let mut envelope = Envelope::new(mask.width());
+    signed_by(mask, |columns, row| {
+        gap_distances(columns, row, &mut envelope)
+    })
+}
+
+/// The same as [`signed_distance`] up to a distance of `reach_px`; beyond, infinite with the sign of the side
+///
+/// Several times faster for a reach of a few pixels, and twice as fast for fifty.
+///
+/// # Examples
+/// ```
+/// use pirouette_geom::{Mask, distance_map::signed_distance_within};
+/// let distance = signed_distance_within(&Mask::from_art("..##"), 1.0);
+/// assert_eq!(distance.as_slice(), &[f32::INFINITY, 0.5, -0.5, f32::NEG_INFINITY]);
+/// ```
+pub fn signed_distance_within(mask: &Mask, reach_px: f32) -> Grid<f32> {
+    // between pixel centers; NaN reaches nowhere
+    let reach = f64::from(reach_px.max(0.0)) + 0.5;
+    if reach > f64::from(Squares::MOST) {
+        let mut distance = signed_distance(mask);
+        for d in distance.as_mut_slice() {
+            if d.abs() > reach_px {
+                *d = f32::INFINITY.copysign(*d);
+            }
+        }
+        return distance;
+    }
+    let mut squares = Squares::new(mask.width(), reach);
+    signed_by(mask, |columns, row| squares.gap_distances(columns, row))
+}
+
+/// Signed distances, of which `gap` finds those in a part of a row that nothing outside of it is nearer to
+///
+/// `gap` is given the distance of each pixel down its column; what it leaves as it is is infinite.
+fn signed_by(mask: &Mask, mut gap: impl FnMut(&[u32], &mut [f32])) -> Grid<f32> {
     let rows = column_changes(mask);
     let mut distance = Grid::filled(mask.width(), mask.height(), f32::INFINITY);
-    let mut envelope = Envelope::new(mask.width());
     let mut columns = vec![0; mask.width()];
     let mut depth = vec![0f32; mask.width()];
     for y in 0..mask.height() {
@@ -56,12 +93,12 @@ pub fn signed_distance(mask: &Mask) -> Grid<f32> {
             *column = if inside { 0 } else { change };
         }
         let row = distance.row_mut(y);
-        row_distances(&columns, row, &mut envelope);
+        row_distances(&columns, row, &mut gap);
         for (column, (&inside, &change)) in columns.iter_mut().zip(sides()) {
             *column = if inside { change } else { 0 };
         }
         depth.fill(f32::INFINITY);
-        row_distances(&columns, &mut depth, &mut envelope);
+        row_distances(&columns, &mut depth, &mut gap);
         for ((d, &depth), &inside) in row.iter_mut().zip(&depth).zip(mask.row(y)) {
             *d = if inside { 0.5 - depth } else { *d - 0.5 };
         }
@@ -180,8 +217,67 @@ impl Envelope {
     }
 }
 
-/// Distances of one row from the column distances of its pixels
-fn row_distances(columns: &[u32], row: &mut [f32], envelope: &mut Envelope) {
+/// Squared distances of a row, no larger than some reach
+struct Squares {
+    reach: usize,
+    /// Of whole pixels
+    largest: u16,
+    /// Down the columns
+    columns: Vec<u16>,
+    nearest: Vec<u16>,
+}
+
+impl Squares {
+    /// The square of a larger reach is not told from infinity
+    const MOST: u16 = 250;
+
+    fn new(width: usize, reach: f64) -> Self {
+        Self {
+            reach: reach as usize,
+            largest: (reach * reach) as u16,
+            columns: Vec::with_capacity(width),
+            nearest: Vec::with_capacity(width),
+        }
+    }
+
+    /// As the function of this name; what is out of reach stays as it is
+    ///
+    /// Every pixel within reach is looked at, many at once.
+    fn gap_distances(&mut self, columns: &[u32], row: &mut [f32]) {
+        let far = u32::from(Self::MOST) + 1;
+        self.columns.clear();
+        self.columns
+            .extend(columns.iter().map(|&d| (d.min(far) * d.min(far)) as u16));
+        let count = columns.len();
+        let (columns, nearest) = (&self.columns[..], &mut self.nearest);
+        nearest.clear();
+        nearest.extend_from_slice(columns);
+        for dx in 1..=self.reach.min(count.saturating_sub(1)) {
+            let square = (dx * dx) as u16;
+            // Nothing is nearer from so far away.
+            if dx % 4 == 1 && nearest.iter().fold(0, |m, &v| m.max(v)) <= square {
+                break;
+            }
+            for (near, column) in nearest.iter_mut().zip(&columns[dx..]) {
+                *near = column.saturating_add(square).min(*near);
+            }
+            for (near, column) in nearest[dx..].iter_mut().zip(columns) {
+                *near = column.saturating_add(square).min(*near);
+            }
+        }
+        for (value, &square) in row.iter_mut().zip(&*nearest) {
+            let distance = f32::from(square).sqrt();
+            *value = if square <= self.largest {
+                distance
+            } else {
+                f32::INFINITY
+            };
+        }
+    }
+}
+
+/// Distances of one row from the column distances of its pixels, by those of its gaps
+fn row_distances(columns: &[u32], row: &mut [f32], mut gap: impl FnMut(&[u32], &mut [f32])) {
     // Nothing is nearer across a pixel of distance zero, so each gap between such pixels stands alone
     let mut start = 0;
     while start < row.len() {
@@ -194,8 +290,8 @@ fn row_distances(columns: &[u32], row: &mut [f32], envelope: &mut Envelope) {
             }
         }
         let zero = columns[start + 1..].iter().position(|&d| d == 0);
-        let end = zero.map_or(row.len(), |gap| start + gap + 2);
-        gap_distances(&columns[start..end], &mut row[start..end], envelope);
+        let end = zero.map_or(row.len(), |length| start + length + 2);
+        gap(&columns[start..end], &mut row[start..end]);
         start = if zero.is_some() { end - 1 } else { end };
     }
 }
@@ -336,6 +432,18 @@ mod tests {
                 } else {
                     outside.as_slice()[i] - 0.5
                 };
+                prop_assert_eq!(d, expected);
+            }
+        }
+
+        #[test]
+        fn within_reach_all_distances_are_alike(
+            mask in masks(),
+            reach in prop_oneof![0.0..30.0f32, 240.0..260.0f32],
+        ) {
+            let within = signed_distance_within(&mask, reach);
+            for (&d, &whole) in within.as_slice().iter().zip(signed_distance(&mask).as_slice()) {
+                let expected = if whole.abs() <= reach { whole } else { f32::INFINITY.copysign(whole) };
                 prop_assert_eq!(d, expected);
             }
         }

@@ -1,6 +1,6 @@
 //! From a cut to a silhouette: crumbs removed, and the border at less than a pixel.
 
-use pirouette_geom::distance_map::signed_distance;
+use pirouette_geom::distance_map::signed_distance_within;
 use pirouette_geom::morphology::{dilate, erode, fill_holes_below, largest_component};
 use pirouette_geom::{Grid, Mask};
 
@@ -79,7 +79,7 @@ pub fn soft_border(
         return soft;
     };
     let inside = window.crop(mask);
-    let depth = signed_distance(&inside).map(|d| -d);
+    let depth = signed_distance_within(&inside, band).map(|d| -d);
     let mut blurred = inside.map(|&v| if v { 1.0 } else { 0.0 });
     blur(&mut blurred, HARD_BLUR_PX);
     let weights: Vec<f32> = (0..=2 * reach)

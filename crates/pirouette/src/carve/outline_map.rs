@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 use pirouette_geom::contour::trace_outline;
-use pirouette_geom::distance_map::signed_distance;
+use pirouette_geom::distance_map::signed_distance_within;
 use pirouette_geom::{Grid, Mask};
 
 /// Signed distance to the outline of a soft silhouette, negative inside
@@ -24,6 +24,11 @@ pub(crate) struct OutlineMap {
 /// A cell of 5 mm spans two to three pixels of usual photos: all corners of cells that the surface cuts
 /// lie within.
 const EXACT_PX: f64 = 3.0;
+
+/// Larger distances, in px, are given as this one
+///
+/// They tell only how far around a point there is nothing to look for.
+const FAR_PX: f32 = 40.0;
 
 /// Pixels kept around the silhouette: beyond, distances are those to the box that holds it
 ///
@@ -171,9 +176,7 @@ fn distance_to_segment(p: DVec2, a: DVec2, b: DVec2) -> f64 {
 fn blend_far(distances: &mut Grid<f32>, mask: &Mask) {
     /// What whole pixels can be wrong by: half a pixel and its diagonal
     const SLACK_PX: f32 = 0.75;
-    /// Stands for infinity, in px: no photo is larger
-    const FAR_PX: f32 = 1e5;
-    let whole = signed_distance(mask);
+    let whole = signed_distance_within(mask, FAR_PX);
     for (distance, &whole) in distances.as_mut_slice().iter_mut().zip(whole.as_slice()) {
         let magnitude = if distance.is_finite() {
             *distance

@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 use pirouette_geom::contour::trace_outline;
-use pirouette_geom::distance_map::{bilinear, signed_distance};
+use pirouette_geom::distance_map::{bilinear, signed_distance_within};
 use pirouette_geom::{Grid, Mask};
 use rayon::prelude::*;
 
@@ -63,6 +63,9 @@ const PALE_INK: Color = [125, 131, 142];
 const DARK: Color = [26, 28, 34];
 const INSIDE: Color = [40, 120, 255];
 const OUTSIDE: Color = [255, 50, 35];
+
+/// Larger distances, in px, count as this one
+const FAR_PX: f32 = 60.0;
 
 /// Pixels around silhouette and body that their distances are asked for at
 const MARGIN_PX: usize = 3;
@@ -148,7 +151,8 @@ fn tile(view: &ResidualView, person: &Mask, crop: Crop, tile_width: usize) -> (P
         .unwrap_or_default();
     let (x0, y0) = (x0.saturating_sub(MARGIN_PX), y0.saturating_sub(MARGIN_PX));
     let part = (x0, y0, x1 + MARGIN_PX, y1 + MARGIN_PX);
-    let distance_px = signed_distance(&part_of(view.body, part));
+    let distance_px = signed_distance_within(&part_of(view.body, part), FAR_PX);
+    let distance_px = distance_px.map(|d| d.clamp(-FAR_PX, FAR_PX));
     let silhouette = part_of(view.silhouette, part);
     let corner = DVec2::new(x0 as f64, y0 as f64);
     let mut steps = vec![Vec::new(); 2 * COLOR_STEPS as usize + 1];
