@@ -188,7 +188,7 @@ impl Stages {
 
     /// Evenly spaced points of the aligned outline of a view, as registration takes them
     pub fn outline_points(&self, view: usize) -> Vec<DVec2> {
-        trace_outline(&self.aligned[view].soft, 0.5)
+        trace_outline(&self.aligned[view].soft(), 0.5)
             .iter()
             .flat_map(|contour| contour.resample(OUTLINE_SPACING_PX).points)
             .collect()

@@ -261,7 +261,7 @@ fn hull(case: Case, scan: &SyntheticScan, report: &Report) -> Option<TriMesh> {
                 },
                 &options,
             );
-            Some((view.index, normalized.ok()?.soft))
+            Some((view.index, normalized.ok()?.soft()))
         })
         .collect();
     debug_assert!(silhouettes.len() <= scan.scan.views.len());

@@ -3,6 +3,7 @@
 //! Keys are stable, lengths in mm or in px of the photo as given, angles in degrees. An existing folder is
 //! replaced only file by file.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use glam::DVec2;
@@ -188,10 +189,10 @@ fn write_view(
     let folder = folder.join("views").join(&view.name);
     make_folder(&folder)?;
     let silhouette = &found.silhouette;
-    let mask = in_input_size(view, &silhouette.mask, &silhouette.soft);
+    let mask = in_input_size(view, &silhouette.mask, || Cow::Borrowed(&silhouette.soft));
     write_mask(&folder.join("mask.png"), &mask)?;
     if let Some(normalized) = &found.normalized {
-        let mask = in_input_size(view, &normalized.mask, &normalized.soft);
+        let mask = in_input_size(view, &normalized.mask, || Cow::Owned(normalized.soft()));
         write_mask(&folder.join("normalized.png"), &mask)?;
     }
     let overlay = draw_overlay(view, report, found);
@@ -260,12 +261,16 @@ fn all_warnings(loaded: &LoadedScan, report: &Report) -> impl Iterator<Item = Wa
 }
 
 /// A silhouette at the size of the photo as given; where this is not the working size, the soft one decides
-fn in_input_size(view: &View, mask: &Mask, soft: &Grid<f32>) -> Mask {
+fn in_input_size<'a>(
+    view: &View,
+    mask: &'a Mask,
+    soft: impl FnOnce() -> Cow<'a, Grid<f32>>,
+) -> Cow<'a, Mask> {
     let (width, height) = view.input_size_px;
     if (mask.width(), mask.height()) == (width, height) {
-        mask.clone()
+        Cow::Borrowed(mask)
     } else {
-        resample(soft, width, height).threshold(0.5)
+        Cow::Owned(resample(&soft(), width, height).threshold(0.5))
     }
 }
 

@@ -112,7 +112,7 @@ fn see(avatar: &Avatar, edges: &SilhouetteMesh, view: &MeasureView) -> Option<Se
     let posed = pose_bones(&avatar.bone_heads, &view.pose, view.turn);
     let positions: Vec<DVec3> = posed.skin(&avatar.mesh.positions, &avatar.weights);
     let expected = edges.silhouette(&positions, &view.camera);
-    SeenView::new(view.silhouette, view.camera, posed, expected)
+    SeenView::new(view.silhouette, view.camera, posed, &expected)
 }
 
 #[cfg(test)]

@@ -20,8 +20,9 @@ use crate::pose::PosedBones;
 /// A view as tapes see it
 pub(super) struct SeenView {
     outline: OutlineMap,
-    /// Coverage of the photo by the figure: tells which outline belongs to which part
+    /// Coverage of the photo by the figure, and where its first pixel lies: tells which outline belongs to which part
     expected: Grid<f32>,
+    corner: DVec2,
     camera: Camera,
     /// The bones of the figure as this view shows it
     posed: PosedBones,
@@ -33,11 +34,13 @@ impl SeenView {
         silhouette: &Grid<f32>,
         camera: Camera,
         posed: PosedBones,
-        expected: Grid<f32>,
+        expected: &Grid<f32>,
     ) -> Option<Self> {
+        let (expected, corner) = framed(expected);
         Some(Self {
             outline: OutlineMap::new(silhouette)?,
             expected,
+            corner,
             camera,
             posed,
         })
@@ -59,6 +62,20 @@ impl SeenView {
     }
 }
 
+/// The part of a picture that holds all that is not zero, with one pixel around it, and the corner of that part
+fn framed(picture: &Grid<f32>) -> (Grid<f32>, DVec2) {
+    let Some((x0, y0, x1, y1)) = picture.map(|&v| v != 0.0).bounding_box() else {
+        return (Grid::filled(1, 1, 0.0), DVec2::ZERO);
+    };
+    let (x0, y0) = (x0.saturating_sub(1), y0.saturating_sub(1));
+    let (x1, y1) = (
+        (x1 + 1).min(picture.width()),
+        (y1 + 1).min(picture.height()),
+    );
+    let corner = DVec2::new(x0 as f64, y0 as f64);
+    (picture.crop(x0, y0, x1 - x0, y1 - y0), corner)
+}
+
 /// One tape in one view; points of the reference pose go with the flesh below the tape
 struct Sight<'a> {
     view: &'a SeenView,
@@ -69,7 +86,8 @@ struct Sight<'a> {
 impl Sight<'_> {
     /// Whether the figure leaves a photo point free
     fn expects_background(&self, point: DVec2) -> bool {
-        bilinear(&self.view.expected, point) < 0.5
+        // Beyond the frame, the values on it go on.
+        bilinear(&self.view.expected, point - self.view.corner) < 0.5
     }
 
     fn camera_center(&self) -> DVec3 {

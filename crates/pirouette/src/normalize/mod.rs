@@ -223,8 +223,8 @@ pub struct NormalizedJoints {
 pub struct NormalizedView {
     /// Size of the photo, frame of the reference view
     pub mask: Mask,
-    /// The same as covered area of each pixel, 0 to 1
-    pub soft: Grid<f32>,
+    /// Its outline to fractions of a pixel: what winds around nonzero times is inside
+    pub contours: Vec<Contour>,
     /// Joints through the steps; steps not taken repeat the one before
     pub joints: NormalizedJoints,
     /// What registration found, if it ran
@@ -235,6 +235,15 @@ pub struct NormalizedView {
     pub reference_iou: f64,
     /// What could be done only in part
     pub warnings: Vec<NormalizeWarning>,
+}
+
+impl NormalizedView {
+    /// The silhouette as covered area of each pixel, 0 to 1
+    ///
+    /// Drawn anew each time: kept for all views, these would be the largest part of a result.
+    pub fn soft(&self) -> Grid<f32> {
+        fill_contours(self.mask.width(), self.mask.height(), &self.contours)
+    }
 }
 
 /// Deforms one silhouette to the reference pose
@@ -319,7 +328,7 @@ pub fn normalize(
     Ok(NormalizedView {
         reference_iou: mask.iou(&view.reference.coverage.threshold(0.5)),
         mask,
-        soft,
+        contours,
         joints: NormalizedJoints {
             detected,
             aligned,

@@ -434,9 +434,13 @@ impl<'a> Job<'a> {
         bundle: &Bundle,
         fit: Option<&Fit>,
         views: &[ViewReport],
+        normalized: &[Grid<f32>],
     ) -> Result<TriMesh, PipelineError> {
         self.stage(Stage::Carve, 1, |_| {
-            let (views, options) = (carve_views(bundle, views), CarveOptions::default());
+            let (views, options) = (
+                carve_views(bundle, views, normalized),
+                CarveOptions::default(),
+            );
             Ok(match fit {
                 Some(fit) => carve_beside_avatar(&views, &fit.avatar, &options)?,
                 None => carve(&views, &options)?,
@@ -444,12 +448,13 @@ impl<'a> Job<'a> {
         })?
     }
 
-    /// Tapes around the body
+    /// Tapes around the body; normalized silhouettes are needed where no body was fitted
     pub(super) fn measure(
         &mut self,
         bundle: &Bundle,
         fit: Option<&Fit>,
         views: &[ViewReport],
+        normalized: &[Grid<f32>],
         body: &TriMesh,
     ) -> Result<Measurements, PipelineError> {
         let scan = self.scan;
@@ -458,7 +463,7 @@ impl<'a> Job<'a> {
                 body,
                 avatar: fit.map_or(&bundle.avatar, |fit| &fit.avatar),
                 fitted: fit.is_some(),
-                views: &measure_views(bundle, fit, views),
+                views: &measure_views(bundle, fit, views, normalized),
                 stature_mm: scan.stature_mm,
                 stature_from: scan.stature_from,
                 subject: scan.subject,

@@ -213,9 +213,13 @@ pub fn run(
             let left: Vec<usize> = views.iter().map(|view| view.index).collect();
             keep_views(fit, &fitted, &left);
         }
+        let mut normalized = Vec::new();
+        if config.goal >= Goal::Reconstruct && (fit.is_none() || config.hull) {
+            normalized = views::normalized_silhouettes(&views);
+        }
         if config.goal >= Goal::Reconstruct {
             if fit.is_none() || config.hull {
-                hull = Some(job.carve(bundle, fit.as_ref(), &views)?);
+                hull = Some(job.carve(bundle, fit.as_ref(), &views, &normalized)?);
             }
             body = match &fit {
                 Some(fit) => Some(fit.avatar.mesh.clone()),
@@ -225,7 +229,7 @@ pub fn run(
         if config.goal >= Goal::Measure
             && let Some(body) = &body
         {
-            measurements = Some(job.measure(bundle, fit.as_ref(), &views, body)?);
+            measurements = Some(job.measure(bundle, fit.as_ref(), &views, &normalized, body)?);
         }
         found_fit = fit;
     }

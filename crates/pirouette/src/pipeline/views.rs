@@ -1,6 +1,7 @@
 //! Single views as normalizing, carving and measuring take them.
 
-use pirouette_geom::TriMesh;
+use pirouette_geom::{Grid, TriMesh};
+use rayon::prelude::*;
 
 use crate::avatar::Avatar;
 use crate::avatar::render::SilhouetteMesh;
@@ -96,37 +97,53 @@ impl<'a> Normalizer<'a> {
     }
 }
 
+/// The normalized silhouettes, soft, in the order of the views
+pub(super) fn normalized_silhouettes(views: &[ViewReport]) -> Vec<Grid<f32>> {
+    let normalized = views.par_iter().filter_map(|view| view.normalized.as_ref());
+    normalized.map(NormalizedView::soft).collect()
+}
+
 /// Silhouettes as measuring sees them: photographed ones where the body's poses are known, else normalized ones
 pub(super) fn measure_views<'a>(
     bundle: &Bundle,
     fit: Option<&Fit>,
     views: &'a [ViewReport],
+    normalized: &'a [Grid<f32>],
 ) -> Vec<MeasureView<'a>> {
-    let view = |(place, view): (usize, &'a ViewReport)| {
-        let (silhouette, pose) = match fit {
-            Some(fit) => (&view.silhouette.soft, fit.poses[place]),
-            None => (&view.normalized.as_ref()?.soft, Pose::default()),
-        };
-        Some(MeasureView {
-            silhouette,
-            camera: bundle.cameras[view.index],
-            turn: bundle.turns[view.index],
-            pose,
-        })
+    let seen = |view: &ViewReport, silhouette, pose| MeasureView {
+        silhouette,
+        camera: bundle.cameras[view.index],
+        turn: bundle.turns[view.index],
+        pose,
     };
-    views.iter().enumerate().filter_map(view).collect()
+    match fit {
+        Some(fit) => {
+            let views = views.iter().zip(&fit.poses);
+            views
+                .map(|(view, &pose)| seen(view, &view.silhouette.soft, pose))
+                .collect()
+        }
+        None => {
+            let views = views.iter().zip(normalized);
+            views
+                .map(|(view, soft)| seen(view, soft, Pose::default()))
+                .collect()
+        }
+    }
 }
 
 /// The normalized silhouettes as carving sees them
-pub(super) fn carve_views<'a>(bundle: &Bundle, views: &'a [ViewReport]) -> Vec<CarveView<'a>> {
+pub(super) fn carve_views<'a>(
+    bundle: &Bundle,
+    views: &[ViewReport],
+    normalized: &'a [Grid<f32>],
+) -> Vec<CarveView<'a>> {
+    let views = views.iter().zip(normalized);
     views
-        .iter()
-        .filter_map(|view| {
-            Some(CarveView {
-                silhouette: &view.normalized.as_ref()?.soft,
-                camera: bundle.cameras[view.index],
-                turn: bundle.turns[view.index],
-            })
+        .map(|(view, silhouette)| CarveView {
+            silhouette,
+            camera: bundle.cameras[view.index],
+            turn: bundle.turns[view.index],
         })
         .collect()
 }
