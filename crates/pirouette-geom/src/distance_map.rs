@@ -55,7 +55,7 @@ pub fn signed_distance(mask: &Mask) -> Grid<f32> {
 
 /// The same as [`signed_distance`] up to a distance of `reach_px`; beyond, infinite with the sign of the side
 ///
-/// Several times faster for a reach of a few pixels, and twice as fast for fifty.
+/// Twice as fast for a reach of a few pixels, and no faster from forty on.
 ///
 /// # Examples
 /// ```
@@ -81,29 +81,45 @@ pub fn signed_distance_within(mask: &Mask, reach_px: f32) -> Grid<f32> {
 
 /// Signed distances, of which `gap` finds those in a part of a row that nothing outside of it is nearer to
 ///
-/// `gap` is given the distance of each pixel down its column; what it leaves as it is is infinite.
+/// `gap` is given the distance of each pixel down its column, 0 where the pixel itself is on the other side.
 fn signed_by(mask: &Mask, mut gap: impl FnMut(&[u32], &mut [f32])) -> Grid<f32> {
-    let rows = column_changes(mask);
-    let mut distance = Grid::filled(mask.width(), mask.height(), f32::INFINITY);
-    let mut columns = vec![0; mask.width()];
-    let mut depth = vec![0f32; mask.width()];
+    let width = mask.width();
+    let changes = column_changes(mask);
+    let mut distance = Grid::filled(width, mask.height(), f32::INFINITY);
+    let mut columns: Vec<u32> = Vec::with_capacity(width + 2);
+    let mut found = vec![0f32; width + 2];
     for y in 0..mask.height() {
-        let sides = || mask.row(y).iter().zip(rows.row(y));
-        for (column, (&inside, &change)) in columns.iter_mut().zip(sides()) {
-            *column = if inside { 0 } else { change };
-        }
-        let row = distance.row_mut(y);
-        row_distances(&columns, row, &mut gap);
-        for (column, (&inside, &change)) in columns.iter_mut().zip(sides()) {
-            *column = if inside { change } else { 0 };
-        }
-        depth.fill(f32::INFINITY);
-        row_distances(&columns, &mut depth, &mut gap);
-        for ((d, &depth), &inside) in row.iter_mut().zip(&depth).zip(mask.row(y)) {
-            *d = if inside { 0.5 - depth } else { *d - 0.5 };
+        let (sides, changes, row) = (mask.row(y), changes.row(y), distance.row_mut(y));
+        let mut start = 0;
+        while start < width {
+            // Beside a stretch on one side lies the other one.
+            let inside = sides[start];
+            let end = start + stretch(&sides[start..], inside);
+            columns.clear();
+            columns.extend((start > 0).then_some(0));
+            columns.extend_from_slice(&changes[start..end]);
+            columns.extend((end < width).then_some(0));
+            let found = &mut found[..columns.len()];
+            found.fill(f32::INFINITY);
+            gap(&columns, found);
+            let found = &found[usize::from(start > 0)..];
+            for (distance, found) in row[start..end].iter_mut().zip(found) {
+                *distance = if inside { 0.5 - found } else { found - 0.5 };
+            }
+            start = end;
         }
     }
     distance
+}
+
+/// How many pixels there are before the first that has not this value
+fn stretch(pixels: &[bool], value: bool) -> usize {
+    let same = |part: &[bool]| part.iter().fold(true, |same, &v| same & (v == value));
+    let blocks = pixels.as_chunks::<16>().0;
+    let block = blocks.iter().position(|block| !same(block));
+    let from = 16 * block.unwrap_or(blocks.len());
+    let rest = pixels[from..].iter().position(|&v| v != value);
+    rest.map_or(pixels.len(), |rest| from + rest)
 }
 
 /// Looks up a map between its pixel centers, linearly in x and in y

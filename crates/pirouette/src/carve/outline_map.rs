@@ -28,7 +28,7 @@ const EXACT_PX: f64 = 3.0;
 /// Larger distances, in px, are given as this one
 ///
 /// They tell only how far around a point there is nothing to look for.
-const FAR_PX: f32 = 40.0;
+const FAR_PX: f32 = 32.0;
 
 /// Pixels kept around the silhouette: beyond, distances are those to the box that holds it
 ///

@@ -65,7 +65,7 @@ const INSIDE: Color = [40, 120, 255];
 const OUTSIDE: Color = [255, 50, 35];
 
 /// Larger distances, in px, count as this one
-const FAR_PX: f32 = 60.0;
+const FAR_PX: f32 = 20.0;
 
 /// Pixels around silhouette and body that their distances are asked for at
 const MARGIN_PX: usize = 3;

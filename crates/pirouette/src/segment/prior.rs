@@ -1,6 +1,6 @@
 //! Seeds and odds from the posed avatar.
 
-use pirouette_geom::distance_map::signed_distance_within;
+use pirouette_geom::distance_map::signed_distance;
 use pirouette_geom::{Grid, Mask};
 use pirouette_segment::seeds::{LogOdds, Seed};
 
@@ -85,8 +85,7 @@ impl Prior {
         let (x0, y0) = (x0.saturating_sub(margin), y0.saturating_sub(margin));
         let width = (x1 + margin).min(avatar.width()) - x0;
         let height = (y1 + margin).min(avatar.height()) - y0;
-        let part = avatar.crop(x0, y0, width, height);
-        let distance = signed_distance_within(&part, margin as f32);
+        let distance = signed_distance(&avatar.crop(x0, y0, width, height));
         let mut seeds = Grid::filled(avatar.width(), avatar.height(), Seed::Background);
         let mut odds = Grid::filled(
             avatar.width(),
