@@ -294,6 +294,39 @@ pub fn resample(grid: &Grid<f32>, width: usize, height: usize) -> Grid<f32> {
     })
 }
 
+/// Where a raster that is scaled as by [`resample`] reaches a level
+///
+/// Pixels between two of the raster that are on one side are not looked at one by one.
+pub fn resample_mask(grid: &Grid<f32>, width: usize, height: usize, level: f32) -> Mask {
+    let mut mask = Mask::filled(width, height, false);
+    if grid.width() == 0 || grid.height() == 0 {
+        return mask;
+    }
+    let columns = bilinear_weights(grid.width(), width);
+    let rows = bilinear_weights(grid.height(), height);
+    let mut mixed = vec![0.0; grid.width()];
+    for (y, &(y0, y1, v)) in rows.iter().enumerate() {
+        let (top, bottom) = (grid.row(y0), grid.row(y1));
+        for (mixed, (top, bottom)) in mixed.iter_mut().zip(top.iter().zip(bottom)) {
+            *mixed = top * (1.0 - v) + bottom * v;
+        }
+        let mut row = mask.row_mut(y);
+        for between in columns.chunk_by(|a, b| a.0 == b.0) {
+            let (left, right) = (mixed[between[0].0], mixed[between[0].1]);
+            let (part, rest) = row.split_at_mut(between.len());
+            if left >= level && right >= level {
+                part.fill(true);
+            } else if left >= level || right >= level {
+                for (inside, &(_, _, u)) in part.iter_mut().zip(between) {
+                    *inside = left * (1.0 - u) + right * u >= level;
+                }
+            }
+            row = rest;
+        }
+    }
+    mask
+}
+
 /// For each of `to` pixel centers: the two pixels of a line of `from` around it, and the share of the second
 fn bilinear_weights(from: usize, to: usize) -> Vec<(usize, usize, f32)> {
     let last = from - 1;
@@ -518,6 +551,22 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn masks_of_scaled_rasters_agree_with_the_raster_scaled(
+            (from, values) in (1usize..7, 1usize..7).prop_flat_map(|(w, h)| {
+                (Just((w, h)), prop::collection::vec(0.0..1.0f32, w * h))
+            }),
+            width in 0usize..30,
+            height in 0usize..30,
+        ) {
+            let grid = Grid::from_vec(from.0, from.1, values);
+            let mask = resample_mask(&grid, width, height, 0.5);
+            let scaled = resample(&grid, width, height);
+            for (&inside, &value) in mask.as_slice().iter().zip(scaled.as_slice()) {
+                prop_assert!(inside == (value >= 0.5) || (value - 0.5).abs() < 1e-6);
+            }
+        }
+
         #[test]
         fn shrinking_keeps_one_color(width in 1usize..90, height in 1usize..90, side in 1usize..40) {
             let small = shrink(Photo::filled(width, height, [10, 200, 31]), side);

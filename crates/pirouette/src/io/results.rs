@@ -18,7 +18,7 @@ use crate::bundle::{Bundle, Scale};
 use crate::io::atomic::{WriteError, make_folder, write_whole};
 use crate::io::mesh::{BodyMesh, MeshFormat};
 use crate::io::page::{Page, PageView, write_page};
-use crate::io::photo::{encode_jpeg, encode_mask, resample, shrink};
+use crate::io::photo::{encode_jpeg, encode_mask, resample_mask, shrink};
 use crate::io::pictures::{draw_contact_sheet, draw_overlay, draw_residuals};
 use crate::io::scan_folder::LoadedScan;
 use crate::normalize::{JointPositions, LimbRefinement, Registration};
@@ -270,7 +270,7 @@ fn in_input_size<'a>(
     if (mask.width(), mask.height()) == (width, height) {
         Cow::Borrowed(mask)
     } else {
-        Cow::Owned(resample(&soft(), width, height).threshold(0.5))
+        Cow::Owned(resample_mask(&soft(), width, height, 0.5))
     }
 }
 

@@ -56,7 +56,7 @@ pub(super) fn load_view(
     keypoints = scale_keypoints(&keypoints, scale);
     let mask = mask.map(|mask| {
         let soft = mask.map(|&inside| if inside { 1.0 } else { 0.0 });
-        photo::resample(&soft, shrunk_width, shrunk_height).threshold(0.5)
+        photo::resample_mask(&soft, shrunk_width, shrunk_height, 0.5)
     });
     Ok(LoadedView {
         photo,
