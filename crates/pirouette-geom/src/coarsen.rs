@@ -424,6 +424,7 @@ mod tests {
             cell_size: 0.1,
             lipschitz: 1.0,
             secant_steps: 2,
+            thin_pieces: true,
         };
         let field = |p: DVec3| {
             let ball = |center: DVec3| p.distance(center) - 1.3;

@@ -180,6 +180,7 @@ mod tests {
             cell_size: 0.08,
             lipschitz: 1.0,
             secant_steps: 1,
+            thin_pieces: true,
         };
         let field = |p: DVec3| DVec2::new(p.x.hypot(p.z) - 1.0, p.y).length() - 0.4;
         extract_surface(field, &options).expect("the options are sound")

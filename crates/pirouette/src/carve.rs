@@ -233,6 +233,8 @@ fn extract(
         cell_size: voxel,
         lipschitz: hull.lipschitz,
         secant_steps: SECANT_STEPS,
+        // Only the largest piece is kept.
+        thin_pieces: false,
     };
     let mesh = extract_surface(field, &surface).map_err(|source| CarveError::VoxelSize {
         voxel_size_mm: voxel,
@@ -352,6 +354,25 @@ impl Field for &HullField {
 
     fn value(&self, point: DVec3, part: ViewSet) -> f64 {
         HullField::value(self, point, part)
+    }
+
+    fn values(&self, points: &[DVec3], part: ViewSet, values: &mut [f64]) {
+        assert_eq!(points.len(), values.len(), "a value for each point");
+        if self.misses_to_remove > 1 || (self.any_cut && part == ViewSet::ALL) {
+            for (value, &point) in values.iter_mut().zip(points) {
+                *value = HullField::value(self, point, part);
+            }
+            return;
+        }
+        // One map after the other: what is read lies close together.
+        for (value, point) in values.iter_mut().zip(points) {
+            *value = -point.y;
+        }
+        for view in part.of(&self.views) {
+            for (value, &point) in values.iter_mut().zip(points) {
+                *value = nan_max(view.distances(point).0, *value);
+            }
+        }
     }
 
     fn near(&self, center: DVec3, radius: f64, of: ViewSet) -> (f64, ViewSet) {

@@ -5,7 +5,10 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{BRICK, Field, MAX_CELLS, SurfaceError, SurfaceOptions, cube_corner, offset};
+use super::{
+    BRICK, BRICK_NODES, Field, MAX_CELLS, NODE, SurfaceError, SurfaceOptions, cube_corner,
+    node_mask, offset,
+};
 
 /// The field on the corners of a regular grid
 pub(super) struct Lattice<'a, F> {
@@ -26,6 +29,7 @@ impl<'a, F: Field> Lattice<'a, F> {
             cell_size,
             lipschitz,
             secant_steps,
+            thin_pieces: _,
         } = *options;
         if !(cell_size.is_finite() && cell_size > 0.0) {
             return Err(SurfaceError::CellSize { cell_size });
@@ -69,7 +73,8 @@ impl<'a, F: Field> Lattice<'a, F> {
         (self.bounded(corner, value), part)
     }
 
-    fn bounded(&self, corner: [u32; 3], value: f64) -> f64 {
+    /// A value as it counts at a corner: what cannot be inside is made positive
+    pub(super) fn bounded(&self, corner: [u32; 3], value: f64) -> f64 {
         let on_border = (0..3).any(|a| corner[a] == 0 || corner[a] >= self.counts[a]);
         if value.is_nan() {
             self.cell_size
@@ -89,8 +94,8 @@ impl<'a, F: Field> Lattice<'a, F> {
         near || (center < 0.0 && on_border)
     }
 
-    /// Origins of the bricks near the surface; `None` asks to search all of a brick
-    pub(super) fn find_bricks(&self) -> BTreeMap<[u32; 3], Option<u64>> {
+    /// Origins of the bricks near the surface
+    pub(super) fn find_bricks(&self) -> Vec<[u32; 3]> {
         let longest = self.counts.into_iter().max().unwrap_or(1);
         let mut size = longest.next_power_of_two().max(BRICK);
         let mut blocks = vec![[0; 3]];
@@ -109,6 +114,43 @@ impl<'a, F: Field> Lattice<'a, F> {
                 .collect();
             size = half;
         }
-        blocks.into_iter().map(|origin| (origin, None)).collect()
+        blocks
+    }
+
+    /// For each brick of whose edges the surface crosses one: its origin and a node along that edge that is crossed
+    pub(super) fn find_crossings(&self) -> BTreeMap<[u32; 3], Option<u64>> {
+        let bricks = self.find_bricks();
+        let corners = |origin: [u32; 3]| (0..8).map(move |c| offset(origin, cube_corner(c), BRICK));
+        let mut all: Vec<[u32; 3]> = bricks.iter().flat_map(|&origin| corners(origin)).collect();
+        all.par_sort_unstable();
+        all.dedup();
+        let whole = self.field.whole();
+        let inside = |&corner: &[u32; 3]| self.value(corner, whole) < 0.0;
+        let sides: Vec<bool> = all.par_iter().map(inside).collect();
+        let side = |corner: [u32; 3]| all.binary_search(&corner).is_ok_and(|at| sides[at]);
+        let crossed_node = |&origin: &[u32; 3]| {
+            let sides = corners(origin).map(side);
+            let inside = sides
+                .enumerate()
+                .fold(0u8, |all, (c, s)| all | u8::from(s) << c);
+            // A corner, and the axis along which the next one is on the other side
+            let (corner, axis) = (0..8u32)
+                .flat_map(|c| (0..3).map(move |axis| (c, axis)))
+                .filter(|(c, axis)| c >> axis & 1 == 0)
+                .find(|(c, axis)| (inside >> c ^ inside >> (c | 1 << axis)) & 1 != 0)?;
+            let first = offset([0; 3], cube_corner(corner), BRICK);
+            let along = |step: u32| {
+                let mut local = first;
+                local[axis] = step * NODE;
+                local
+            };
+            let inside_at = |step| self.value(offset(origin, along(step), 1), whole) < 0.0;
+            let start = inside >> corner & 1 != 0;
+            // The end is on the other side, as was found already.
+            let step = (1..BRICK_NODES).find(|&step| inside_at(step) != start);
+            let cell = along(step.unwrap_or(BRICK_NODES) - 1).map(|v| v.min(BRICK - NODE));
+            Some((origin, Some(node_mask(cell))))
+        };
+        bricks.par_iter().filter_map(crossed_node).collect()
     }
 }

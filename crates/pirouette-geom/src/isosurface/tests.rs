@@ -9,6 +9,7 @@ fn options(cell_size: f64, lipschitz: f64) -> SurfaceOptions {
         cell_size,
         lipschitz,
         secant_steps: 0,
+        thin_pieces: true,
     }
 }
 
@@ -99,6 +100,29 @@ fn secant_steps_land_on_a_bent_field() {
 }
 
 #[test]
+fn without_thin_pieces_the_thick_ones_are_the_same() {
+    // cells of 0.05: blocks of 0.4 have corners at -1, -0.6, -0.2, 0.2, ...
+    let ball = |p: DVec3, center: f64, radius: f64| (p - DVec3::splat(center)).length() - radius;
+    let large = |p: DVec3| ball(p, 0.2, 0.5);
+    let small = |p: DVec3| ball(p, -0.8, 0.12);
+    let both = |p: DVec3| large(p).min(small(p));
+    let all = options(0.05, 1.0);
+    let thick = SurfaceOptions {
+        thin_pieces: false,
+        ..all
+    };
+    let extract = |field: &(dyn Fn(DVec3) -> f64 + Sync), options: &SurfaceOptions| {
+        extract_surface(|p| field(p), options).expect("the options are sound")
+    };
+    let alone = extract(&large, &all);
+    assert_eq!(extract(&both, &thick), alone);
+    assert!(extract(&both, &all).triangles.len() > alone.triangles.len());
+    let lone = extract(&small, &thick);
+    assert!(!lone.triangles.is_empty());
+    assert_eq!(lone, extract(&small, &all));
+}
+
+#[test]
 fn a_solid_that_fills_the_box_is_closed_at_its_border() {
     let mesh = extract_surface(|_| -1.0, &options(0.1, 1.0)).expect("the options are sound");
     assert_eq!(mesh.check(), Ok(()));
@@ -168,8 +192,11 @@ proptest! {
 
     #[test]
     fn noise_gives_a_closed_manifold_mesh(seed: u64) {
-        let mesh = extract_surface(noise(seed), &options(0.125, 100.0)).expect("the options are sound");
-        prop_assert_eq!(mesh.check(), Ok(()));
+        for thin_pieces in [true, false] {
+            let options = SurfaceOptions { thin_pieces, ..options(0.125, 100.0) };
+            let mesh = extract_surface(noise(seed), &options).expect("the options are sound");
+            prop_assert_eq!(mesh.check(), Ok(()));
+        }
     }
 
     #[test]

@@ -39,15 +39,14 @@ pub(super) fn load_view(
     let decoded = photo::decode_photo(&bytes).map_err(in_photo)?;
     drop(bytes);
     let (width, height) = (decoded.photo.width(), decoded.photo.height());
-    let mask = match &entry.mask {
-        Some(file) => Some(load_mask(folder, file, width, height)?),
-        None => {
-            photo::check_contrast(&decoded.photo).map_err(in_photo)?;
-            None
-        }
-    };
+    let mask = entry.mask.as_ref();
+    let mask = mask.map(|file| load_mask(folder, file, width, height));
+    let mask = mask.transpose()?;
     let (mut keypoints, people_count) = load_keypoints(folder, entry, width, height)?;
     let photo = photo::shrink(decoded.photo, max_side_px);
+    if mask.is_none() {
+        photo::check_contrast(&photo).map_err(in_photo)?;
+    }
     let (shrunk_width, shrunk_height) = (photo.width(), photo.height());
     let scale = glam::DVec2::new(
         shrunk_width as f64 / width as f64,
