@@ -214,22 +214,32 @@ impl Mask {
 
     /// Smallest box that holds the inside, as `(x0, y0, x1, y1)` with exclusive ends
     pub fn bounding_box(&self) -> Option<(usize, usize, usize, usize)> {
+        self.bounding_box_where(|&inside| inside)
+    }
+}
+
+impl<T> Grid<T> {
+    /// Smallest box that holds the values for which `inside` is true, as `(x0, y0, x1, y1)` with exclusive ends
+    pub fn bounding_box_where(
+        &self,
+        inside: impl Fn(&T) -> bool,
+    ) -> Option<(usize, usize, usize, usize)> {
         let mut bounds: Option<(usize, usize, usize, usize)> = None;
         for y in 0..self.height {
             let row = self.row(y);
             // whole rows and stretches at a time: most of them are empty
-            let any = |pixels: &[bool]| pixels.iter().fold(false, |any, &v| any | v);
+            let any = |pixels: &[T]| pixels.iter().fold(false, |any, v| any | inside(v));
             if !any(row) {
                 continue;
             }
             let skipped = row.chunks_exact(64).take_while(|part| !any(part)).count();
-            let Some(first) = row[64 * skipped..].iter().position(|&v| v) else {
+            let Some(first) = row[64 * skipped..].iter().position(&inside) else {
                 continue;
             };
             let first = 64 * skipped + first;
             let skipped = row.rchunks_exact(64).take_while(|part| !any(part)).count();
             let end = row.len() - 64 * skipped;
-            let last = row[..end].iter().rposition(|&v| v).unwrap_or(first);
+            let last = row[..end].iter().rposition(&inside).unwrap_or(first);
             bounds = Some(match bounds {
                 None => (first, y, last + 1, y + 1),
                 Some((x0, y0, x1, _)) => (x0.min(first), y0, x1.max(last + 1), y + 1),

@@ -1,5 +1,7 @@
 //! Indexed triangle meshes in space: normals, volume, adjacency, checks.
 
+use std::cmp::Reverse;
+
 use glam::DVec3;
 
 use crate::triangle_sides::sides_by_edge;
@@ -260,6 +262,39 @@ impl TriMesh {
     /// # Panics
     /// When a triangle names a vertex that does not exist.
     pub fn components(&self) -> Vec<TriMesh> {
+        let roots = self.roots();
+        let mut component_of_root = vec![u32::MAX; self.positions.len()];
+        let mut new_index = vec![u32::MAX; self.positions.len()];
+        let mut components: Vec<TriMesh> = Vec::new();
+        for triangle in &self.triangles {
+            let component = &mut component_of_root[roots[triangle[0] as usize] as usize];
+            if *component == u32::MAX {
+                *component = components.len() as u32;
+                components.push(TriMesh::default());
+            }
+        }
+        for (v, &position) in self.positions.iter().enumerate() {
+            let component = component_of_root[roots[v] as usize];
+            if let Some(component) = components.get_mut(component as usize) {
+                new_index[v] = component.positions.len() as u32;
+                component.positions.push(position);
+            }
+        }
+        for triangle in &self.triangles {
+            let component = component_of_root[roots[triangle[0] as usize] as usize];
+            components[component as usize]
+                .triangles
+                .push(triangle.map(|v| new_index[v as usize]));
+        }
+        components.sort_by_cached_key(|component| {
+            // positive floats order like their bits
+            Reverse(component.volume().abs().to_bits())
+        });
+        components
+    }
+
+    /// For each vertex the first of those that it is connected with
+    fn roots(&self) -> Vec<u32> {
         let mut parents: Vec<u32> = (0..self.positions.len() as u32).collect();
         for &[a, b, c] in &self.triangles {
             for other in [b, c] {
@@ -267,38 +302,21 @@ impl TriMesh {
                 parents[ra.max(rb) as usize] = ra.min(rb);
             }
         }
-        let mut component_of_root = vec![u32::MAX; self.positions.len()];
-        let mut new_index = vec![u32::MAX; self.positions.len()];
-        let mut components: Vec<TriMesh> = Vec::new();
-        for triangle in &self.triangles {
-            let root = find_root(&mut parents, triangle[0]) as usize;
-            if component_of_root[root] == u32::MAX {
-                component_of_root[root] = components.len() as u32;
-                components.push(TriMesh::default());
-            }
+        // Parents come first, so that theirs are roots by now.
+        for v in 0..parents.len() {
+            parents[v] = parents[parents[v] as usize];
         }
-        for (v, &position) in self.positions.iter().enumerate() {
-            let root = find_root(&mut parents, v as u32) as usize;
-            if let Some(component) = components.get_mut(component_of_root[root] as usize) {
-                new_index[v] = component.positions.len() as u32;
-                component.positions.push(position);
-            }
-        }
-        for triangle in &self.triangles {
-            let root = find_root(&mut parents, triangle[0]) as usize;
-            components[component_of_root[root] as usize]
-                .triangles
-                .push(triangle.map(|v| new_index[v as usize]));
-        }
-        components.sort_by(|a, b| b.volume().abs().total_cmp(&a.volume().abs()));
-        components
+        parents
     }
 
     /// The connected component with the largest absolute volume; empty for a mesh without triangles
     ///
     /// # Panics
     /// When a triangle names a vertex that does not exist.
-    pub fn largest_component(&self) -> TriMesh {
+    pub fn largest_component(self) -> TriMesh {
+        if !self.triangles.is_empty() && self.roots().iter().all(|&root| root == 0) {
+            return self;
+        }
         self.components().into_iter().next().unwrap_or_default()
     }
 }

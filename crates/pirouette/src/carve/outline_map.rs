@@ -41,13 +41,13 @@ impl OutlineMap {
 
     /// `None` for a silhouette without inside
     pub(crate) fn new(silhouette: &Grid<f32>) -> Option<Self> {
-        let (x0, y0, x1, y1) = silhouette.threshold(Self::LEVEL).bounding_box()?;
+        let (x0, y0, x1, y1) = silhouette.bounding_box_where(|&v| v >= Self::LEVEL)?;
         let (width, height) = (silhouette.width(), silhouette.height());
         let cut = x0 == 0 || y0 == 0 || x1 == width || y1 == height;
         let person = [(x0, y0), (x1, y1)].map(|(x, y)| DVec2::new(x as f64, y as f64));
         let (x0, y0) = (x0.saturating_sub(MARGIN_PX), y0.saturating_sub(MARGIN_PX));
         let (x1, y1) = ((x1 + MARGIN_PX).min(width), (y1 + MARGIN_PX).min(height));
-        let soft = smooth(&silhouette.crop(x0, y0, x1 - x0, y1 - y0));
+        let soft = smooth(silhouette, (x0, y0), (x1 - x0, y1 - y0));
         let mask = soft.threshold(Self::LEVEL);
         let mut distances = distances_to_outline(&soft);
         blend_far(&mut distances, &mask);
@@ -110,23 +110,41 @@ fn at_least_two_wide(map: Grid<f32>) -> Grid<f32> {
     })
 }
 
-/// Smooths by the weights 1 2 1 along both axes; NaN counts as outside
+/// A part of a silhouette, smoothed by the weights 1 2 1 along both axes; NaN counts as outside
 ///
 /// Straight edges keep their place. Interpolation between pixels of sharp coverage is up to 0.09 px
 /// off, after smoothing up to 0.04; stairs of binary masks shrink likewise.
-fn smooth(soft: &Grid<f32>) -> Grid<f32> {
-    let (width, height) = (soft.width(), soft.height());
-    let clean = soft.map(|&v| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) });
-    let across = Grid::from_fn(width, height, |x, y| {
-        let row = clean.row(y);
-        let (left, right) = (row[x.saturating_sub(1)], row[(x + 1).min(width - 1)]);
-        (left + 2.0 * row[x] + right) / 4.0
-    });
-    Grid::from_fn(width, height, |x, y| {
-        let above = across[(x, y.saturating_sub(1))];
-        let below = across[(x, (y + 1).min(height - 1))];
-        (above + 2.0 * across[(x, y)] + below) / 4.0
-    })
+fn smooth(
+    soft: &Grid<f32>,
+    (x0, y0): (usize, usize),
+    (width, height): (usize, usize),
+) -> Grid<f32> {
+    let mut out = Grid::filled(width, height, 0.0);
+    // The row with its ends repeated, and the smoothed rows above, at and below the one that is made
+    let mut clean = vec![0.0; width + 2];
+    let mut rows = [(); 3].map(|()| vec![0.0; width]);
+    let mut across = |y: usize, row: &mut [f32]| {
+        let values = &soft.row(y0 + y)[x0..x0 + width];
+        for (clean, &v) in clean[1..].iter_mut().zip(values) {
+            *clean = if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) };
+        }
+        (clean[0], clean[width + 1]) = (clean[1], clean[width]);
+        for (row, near) in row.iter_mut().zip(clean.windows(3)) {
+            *row = (near[0] + 2.0 * near[1] + near[2]) / 4.0;
+        }
+    };
+    across(0, &mut rows[1]);
+    rows[0] = rows[1].clone();
+    for y in 0..height {
+        let [above, here, below] = &mut rows;
+        across((y + 1).min(height - 1), below);
+        let near = above.iter().zip(&*here).zip(&*below);
+        for (value, ((above, here), below)) in out.row_mut(y).iter_mut().zip(near) {
+            *value = (above + 2.0 * here + below) / 4.0;
+        }
+        rows.rotate_left(1);
+    }
+    out
 }
 
 /// Distance from each pixel center to the outline, in px; infinite where it is farther than [`EXACT_PX`]
