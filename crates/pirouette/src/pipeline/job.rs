@@ -7,7 +7,7 @@ use pirouette_geom::{Grid, TriMesh};
 use rayon::prelude::*;
 
 use crate::avatar::gltf::load_avatar;
-use crate::avatar::mannequin::{MannequinParameters, mannequin, sketch};
+use crate::avatar::mannequin::{MannequinParameters, mannequin, sketch, unmarked};
 use crate::avatar::{Avatar, landmarks, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, carve, carve_beside_avatar};
@@ -137,9 +137,9 @@ impl<'a> Job<'a> {
     }
 
     pub(super) fn make_avatar(&mut self) -> Result<Avatar, PipelineError> {
-        let (scan, source) = (self.scan, &self.config.avatar);
-        let free = start::is_free(self.config);
-        self.stage(Stage::Avatar, 1, |_| match source {
+        let (scan, config) = (self.scan, self.config);
+        let free = start::is_free(config);
+        self.stage(Stage::Avatar, 1, |_| match &config.avatar {
             AvatarSource::Mannequin { sex, mass_kg } => {
                 let parameters = MannequinParameters {
                     sex: *sex,
@@ -148,10 +148,11 @@ impl<'a> Job<'a> {
                     pose: scan.pose,
                     ..MannequinParameters::default()
                 };
-                Ok(if free {
-                    sketch(&parameters)?
-                } else {
-                    mannequin(&parameters)?
+                Ok(match config.method {
+                    _ if free => sketch(&parameters)?,
+                    Method::Fit => mannequin(&parameters)?,
+                    // A carved body does not carry tapes and landmarks.
+                    Method::ThreeStep => unmarked(&parameters)?,
                 })
             }
             AvatarSource::File { name, bytes } => {

@@ -19,7 +19,8 @@ pub struct Report {
     pub method: Method,
     /// How far it went
     pub goal: Goal,
-    /// The reference figure, at the stature of the person
+    /// The reference figure, at the stature of the person; a mannequin that no fit starts from as it is has neither tape
+    /// loops nor landmarks
     pub avatar: Avatar,
     /// One skeleton for all views; `None` when the keypoints did not suffice and silhouettes were all that was asked for
     pub bundle: Option<Bundle>,
