@@ -112,7 +112,7 @@ fn without_thin_pieces_the_thick_ones_are_the_same() {
         ..all
     };
     let extract = |field: &(dyn Fn(DVec3) -> f64 + Sync), options: &SurfaceOptions| {
-        extract_surface(|p| field(p), options).expect("the options are sound")
+        extract_surface(field, options).expect("the options are sound")
     };
     let alone = extract(&large, &all);
     assert_eq!(extract(&both, &thick), alone);
