@@ -71,7 +71,7 @@ pub struct Stages {
     /// One skeleton for all views
     pub bundle: Bundle,
     /// Coverage of the figure posed like the person, per view
-    pub priors: Vec<Grid<f32>>,
+    pub priors: Vec<Mask>,
     /// The person in each photo
     pub silhouettes: Vec<Silhouette>,
     /// The figure in the reference pose, per view
@@ -304,22 +304,20 @@ pub fn find_skeleton(avatar: &Avatar, synthetic: &SyntheticScan) -> Bundle {
     bundle(avatar, &views, &scan.camera, scan.stature_mm, &options).expect("a skeleton")
 }
 
-fn render_priors(bundle: &Bundle) -> Vec<Grid<f32>> {
+fn render_priors(bundle: &Bundle) -> Vec<Mask> {
     let avatar = &bundle.avatar;
     let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
     (0..bundle.poses.len())
         .map(|view| {
             let posed = pose_bones(&avatar.bone_heads, &bundle.poses[view], bundle.turns[view]);
             let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
-            mesh.silhouette(&positions, &bundle.cameras[view])
+            let coverage = mesh.silhouette(&positions, &bundle.cameras[view]);
+            coverage.threshold(0.5)
         })
         .collect()
 }
 
-fn segment_views<'a>(
-    synthetic: &'a SyntheticScan,
-    priors: &'a [Grid<f32>],
-) -> Vec<SegmentView<'a>> {
+fn segment_views<'a>(synthetic: &'a SyntheticScan, priors: &'a [Mask]) -> Vec<SegmentView<'a>> {
     synthetic
         .scan
         .views

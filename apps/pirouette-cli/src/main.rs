@@ -61,18 +61,24 @@ fn run(cli: &Cli, output: Output) -> Result<()> {
             .context("cannot start the threads")?;
     }
     let cancel = cancel_on_interrupt()?;
-    let scan = |args, goal| scan_command::run(args, goal, output, cli.quiet, &cancel);
+    // On one of the threads that do the parallel work: the main thread would wait for them most of the time, and hold on to
+    // memory of its own.
+    rayon::scope(|_| run_command(cli, output, &cancel))
+}
+
+fn run_command(cli: &Cli, output: Output, cancel: &CancelToken) -> Result<()> {
+    let scan = |args, goal| scan_command::run(args, goal, output, cli.quiet, cancel);
     match &cli.command {
         Command::Scan(args) => scan(args, Goal::Measure),
         Command::Segment(args) => scan(args, Goal::Segment),
         Command::Normalize(args) => scan(args, Goal::Normalize),
         Command::Reconstruct(args) => scan(args, Goal::Reconstruct),
         Command::Measure(args) => scan(args, Goal::Measure),
-        Command::Demo(args) => demo_command::run(args, output, cli.quiet, &cancel),
+        Command::Demo(args) => demo_command::run(args, output, cli.quiet, cancel),
         Command::Size(args) => size_command::run(args, output),
         Command::Avatar(args) => avatar_command::run(args, output),
         Command::Arap(args) => arap_command::run(args, output),
-        Command::Eval(args) => eval_command::run(args, output, cli.quiet, &cancel),
+        Command::Eval(args) => eval_command::run(args, output, cli.quiet, cancel),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "pirouette", &mut script);

@@ -81,10 +81,9 @@ pub(super) fn draw_contact_sheet(
             let seen = bundle.map(|b| (b.cameras[found.index], b.turns[found.index]));
             let reference = reference.zip(of_reference.as_ref()).zip(seen);
             let reference = reference.map(|((mesh, edges), (camera, turn))| {
-                edges.silhouette(
-                    &turned(&mesh.positions, turn),
-                    &camera.scaled(REFERENCE_SCALE),
-                )
+                let positions = turned(&mesh.positions, turn);
+                let coverage = edges.silhouette(&positions, &camera.scaled(REFERENCE_SCALE));
+                coverage.map(|&covered| (255.0 * covered + 0.5) as u8)
             });
             let camera = seen.map(|(camera, turn)| (camera.scaled(BODY_SCALE), turn));
             // A fitted body can stand as in the photo, to be held against it.
@@ -154,6 +153,7 @@ pub(super) fn draw_residuals(
                 turn: view.turn,
                 photo: &view.photo,
                 silhouette: &found.silhouette.soft,
+                mask: &found.silhouette.mask,
                 body,
                 mm_per_px: camera.distance_mm / camera.focal_px(),
             }

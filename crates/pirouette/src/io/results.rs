@@ -110,24 +110,18 @@ pub fn write_results(
         let write = |view| write_view(folder, loaded, report, view, with_page);
         views.map(write).collect::<Result<Vec<_>, _>>()
     };
-    let (((contact_sheet, residuals), tapes), (page_overlays, bodies)) = rayon::join(
-        || {
-            let contact = || sheet("contact.jpg", &contact);
-            let residuals = || sheet("residuals.jpg", &residuals);
-            rayon::join(
-                || rayon::join(contact, residuals),
-                || sheet("tapes.jpg", &tapes),
-            )
-        },
-        || {
-            rayon::join(write_views, || {
-                write_bodies(folder, report, options.formats)
-            })
-        },
-    );
-    let page_overlays = page_overlays?;
-    let (contact_sheet, residuals, tapes) = (contact_sheet?, residuals?, tapes?);
-    bodies?;
+    // The largest pictures one after the other: each takes its memory.
+    let large = || {
+        let contact = sheet("contact.jpg", &contact)?;
+        Ok::<_, ResultError>((contact, sheet("residuals.jpg", &residuals)?))
+    };
+    let others = || {
+        let page_overlays = write_views()?;
+        write_bodies(folder, report, options.formats)?;
+        Ok::<_, ResultError>((page_overlays, sheet("tapes.jpg", &tapes)?))
+    };
+    let (large, others) = rayon::join(large, others);
+    let ((contact_sheet, residuals), (page_overlays, tapes)) = (large?, others?);
     let mut sizes = Vec::new();
     if let Some(measurements) = &report.measurements {
         let advice = measurements.advise(options.charts);

@@ -23,8 +23,8 @@ pub struct ContactView<'a> {
     pub mask: Option<&'a Mask>,
     /// The pose-normalized silhouette
     pub normalized: Option<&'a Mask>,
-    /// Coverage of the reference at that angle; of any size
-    pub reference: Option<&'a Grid<f32>>,
+    /// Coverage of the reference at that angle, 255 where it covers a pixel as a whole; of any size
+    pub reference: Option<&'a Grid<u8>>,
     /// The reconstructed body as seen in this view
     pub body: Option<&'a Photo>,
 }
@@ -145,7 +145,7 @@ fn tiles(view: &ContactView, crop: Crop, width: usize) -> [Option<Photo>; 4] {
 /// The normalized silhouette over the reference: gray where both are, a color where only one is
 fn compare(
     normalized: Option<&Mask>,
-    reference: Option<&Grid<f32>>,
+    reference: Option<&Grid<u8>>,
     crop: Crop,
     tile_width: usize,
 ) -> Option<Photo> {
@@ -157,17 +157,17 @@ fn compare(
         let theirs = reference.map(|r| (r.row(y * r.height() / size.1), r.width()));
         for (x, color) in columns.zip(row) {
             let ours = ours.is_some_and(|mask| mask[x]);
-            let covered = theirs.map_or(0.0, |(row, width)| row[x * width / size.0]);
+            let covered = theirs.map_or(0, |(row, width)| row[x * width / size.0]);
             let (without, with) = if ours {
                 (ONLY_NORMALIZED, BOTH)
             } else {
                 ([255; 3], ONLY_REFERENCE)
             };
             *color = without;
-            if covered >= 1.0 {
+            if covered == u8::MAX {
                 *color = with;
-            } else if covered > 0.0 {
-                mix(color, with, f64::from(covered));
+            } else if covered > 0 {
+                mix(color, with, f64::from(covered) / 255.0);
             }
         }
     };
@@ -182,11 +182,14 @@ fn tile_width(views: &[ContactView], crop: Crop) -> usize {
 /// The part of the pictures where any silhouette is, with a margin
 fn common_crop(views: &[ContactView]) -> Crop {
     let boxes = views.iter().flat_map(|view| {
-        let reference = view.reference.map(|coverage| coverage.threshold(0.5));
+        let reference = view.reference.and_then(|coverage| {
+            let size = (coverage.width() as f64, coverage.height() as f64);
+            Some((coverage.bounding_box_where(|&v| v >= 128)?, size))
+        });
         [
             view.mask.and_then(sized_box),
             view.normalized.and_then(sized_box),
-            reference.as_ref().and_then(sized_box),
+            reference,
         ]
     });
     Crop::around(boxes.flatten())
@@ -236,7 +239,7 @@ mod tests {
     #[test]
     fn comparing_colors_tell_who_covers_what() {
         let normalized = Mask::from_art("##..");
-        let reference = Grid::from_vec(4, 1, vec![1.0, 0.0, 1.0, 0.0]);
+        let reference = Grid::from_vec(4, 1, vec![255, 0, 255, 0]);
         let picture = compare(Some(&normalized), Some(&reference), Crop::WHOLE, 4).unwrap();
         let expected = [BOTH, ONLY_NORMALIZED, ONLY_REFERENCE, [255; 3]];
         assert_eq!(picture.row(0), expected);

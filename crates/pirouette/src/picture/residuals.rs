@@ -23,6 +23,8 @@ pub struct ResidualView<'a> {
     pub photo: &'a Photo,
     /// Soft silhouette in the photo
     pub silhouette: &'a Grid<f32>,
+    /// The same, inside from one half on
+    pub mask: &'a Mask,
     /// Silhouette of the fitted body in the pose of this view
     pub body: &'a Mask,
     /// Size of a pixel at the turning axis
@@ -78,11 +80,7 @@ const DIMMED: f64 = 0.45;
 /// White is on the body's outline, blue inside of it (the body is too large there), red outside. Distances are taken to
 /// the body's pixels, so they are good to half a pixel. `view_count` is the largest count in the bodies' legend.
 pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: usize) -> Photo {
-    let persons: Vec<Mask> = views
-        .par_iter()
-        .map(|view| view.silhouette.threshold(0.5))
-        .collect();
-    let masks = persons.iter().chain(views.iter().map(|view| view.body));
+    let masks = views.iter().flat_map(|view| [view.mask, view.body]);
     let masks = masks.chain(bodies.iter().map(|body| body.silhouette));
     let crop = Crop::around(masks.filter_map(sized_box));
     let sizes = views.iter().map(|v| v.photo);
@@ -101,9 +99,8 @@ pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: u
 
     let tiles: Vec<_> = views
         .par_iter()
-        .zip(&persons)
-        .map(|(view, person)| {
-            let (tile, mean_mm) = tile(view, person, crop, tile_width);
+        .map(|view| {
+            let (tile, mean_mm) = tile(view, crop, tile_width);
             let title = format!("{} {:.0}°", view.name, view.turn.degrees());
             (tile, title, mean_mm.map(|mm| format!("{mm:.1} mm")))
         })
@@ -128,7 +125,7 @@ pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: u
 }
 
 /// The dimmed photo with its outline, and the mean distance of the outline, in mm
-fn tile(view: &ResidualView, person: &Mask, crop: Crop, tile_width: usize) -> (Photo, Option<f64>) {
+fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f64>) {
     let mut tile = shrink(view.photo, crop, tile_width, TILE_HEIGHT_PX);
     let dimmed = Tint::new(DARK, 1.0 - DIMMED);
     for pixel in tile.as_mut_slice() {
@@ -144,7 +141,7 @@ fn tile(view: &ResidualView, person: &Mask, crop: Crop, tile_width: usize) -> (P
         part / wide * DVec2::new(tile_width as f64, TILE_HEIGHT_PX as f64)
     };
     // All else is far from both.
-    let boxes = [person, view.body].into_iter();
+    let boxes = [view.mask, view.body].into_iter();
     let boxes = boxes.filter_map(|mask| mask.bounding_box());
     let (x0, y0, x1, y1) = boxes
         .reduce(|a, b| (a.0.min(b.0), a.1.min(b.1), a.2.max(b.2), a.3.max(b.3)))
@@ -291,16 +288,17 @@ mod tests {
 
     fn colors(left: usize, body_left: usize) -> (usize, usize, Option<f64>) {
         let photo = Photo::filled(100, 200, [90; 3]);
+        let silhouette = upright(left);
         let view = ResidualView {
             name: "a",
             turn: TurnAngle::from_degrees(45.0),
             photo: &photo,
-            silhouette: &upright(left),
+            silhouette: &silhouette,
+            mask: &silhouette.threshold(0.5),
             body: &upright(body_left).threshold(0.5),
             mm_per_px: 2.0,
         };
-        let person = view.silhouette.threshold(0.5);
-        let (tile, mean_mm) = tile(&view, &person, Crop::WHOLE, 240);
+        let (tile, mean_mm) = tile(&view, Crop::WHOLE, 240);
         let blue = count(&tile, |r, b| b > r + 60);
         let red = count(&tile, |r, b| r > b + 60);
         (blue, red, mean_mm)
@@ -323,11 +321,13 @@ mod tests {
     fn sheets_hold_all_tiles_and_legends() {
         let photo = Photo::filled(100, 200, [9, 200, 9]);
         let (silhouette, body) = (upright(30), upright(35).threshold(0.5));
+        let mask = silhouette.threshold(0.5);
         let view = ResidualView {
             name: "view",
             turn: TurnAngle::default(),
             photo: &photo,
             silhouette: &silhouette,
+            mask: &mask,
             body: &body,
             mm_per_px: 2.0,
         };
@@ -367,6 +367,7 @@ mod tests {
                 turn: TurnAngle::from_degrees(f64::NAN),
                 photo,
                 silhouette,
+                mask: &silhouette.threshold(0.5),
                 body: &body.threshold(0.5),
                 mm_per_px: f64::NAN,
             };

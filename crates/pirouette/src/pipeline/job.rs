@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use pirouette_geom::{Grid, TriMesh};
+use pirouette_geom::{Grid, Mask, TriMesh};
 use rayon::prelude::*;
 
 use crate::avatar::gltf::load_avatar;
@@ -216,7 +216,7 @@ impl<'a> Job<'a> {
     pub(super) fn render_priors(
         &mut self,
         bundle: Option<&Bundle>,
-    ) -> Result<Vec<Option<Grid<f32>>>, PipelineError> {
+    ) -> Result<Vec<Option<Mask>>, PipelineError> {
         let Some(bundle) = bundle else {
             return Ok(self.scan.views.iter().map(|_| None).collect());
         };
@@ -233,7 +233,7 @@ impl<'a> Job<'a> {
                 let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
                 let coverage = mesh.silhouette(&positions, &bundle.cameras[index]);
                 steps.done();
-                Some(coverage)
+                Some(coverage.threshold(0.5))
             };
             (0..view_count).into_par_iter().map(render).collect()
         })
@@ -241,7 +241,7 @@ impl<'a> Job<'a> {
 
     pub(super) fn segment(
         &mut self,
-        priors: &[Option<Grid<f32>>],
+        priors: &[Option<Mask>],
     ) -> Result<Vec<ViewReport>, PipelineError> {
         let (scan, cancel) = (self.scan, self.cancel);
         let options = SegmentOptions {

@@ -30,8 +30,8 @@ pub struct SegmentView<'a> {
     pub photo: &'a Photo,
     /// Joints of the person, in px of the photo
     pub keypoints: &'a Keypoints,
-    /// Coverage of the avatar posed like the person, size of the photo
-    pub prior: Option<&'a Grid<f32>>,
+    /// Silhouette of the avatar posed like the person, size of the photo
+    pub prior: Option<&'a Mask>,
     /// A given silhouette, size of the photo; it is the result, and helps the other views
     pub mask: Option<&'a Mask>,
 }
@@ -350,8 +350,8 @@ impl Prepared {
 }
 
 /// Height of the avatar's silhouette, in px
-fn stature_px(coverage: &Grid<f32>) -> Option<f64> {
-    let (_, y0, _, y1) = coverage.threshold(0.5).bounding_box()?;
+fn stature_px(avatar: &Mask) -> Option<f64> {
+    let (_, y0, _, y1) = avatar.bounding_box()?;
     Some((y1 - y0) as f64)
 }
 

@@ -71,12 +71,11 @@ impl Prior {
     /// Seeds by the distance from the avatar's outline; `None` when there is no avatar in view or the bones
     /// show that the person holds another pose
     pub(super) fn new(
-        coverage: &Grid<f32>,
+        avatar: &Mask,
         lines: &SeedLines,
         scale: f64,
         fit: &PriorFit,
     ) -> Option<Self> {
-        let avatar: Mask = coverage.threshold(0.5);
         let (x0, y0, x1, y1) = avatar.bounding_box()?;
         // Beyond this, all is background at the lowest odds.
         let saturated = f64::from(fit.max_log_odds) * fit.odds_length_px + fit.even_px;

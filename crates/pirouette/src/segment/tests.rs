@@ -94,11 +94,7 @@ fn a_scan_uses_the_avatar_and_drops_it_where_the_person_stands_otherwise() {
     let truths = places.map(truth);
     let photos = truths.each_ref().map(photo);
     let keypoints = places.map(keypoints);
-    let good: Vec<Grid<f32>> = truths
-        .iter()
-        .map(|t| t.map(|&v| if v { 1.0 } else { 0.0 }))
-        .collect();
-    let priors = [&good[0], &good[1], &good[0]];
+    let priors = [&truths[0], &truths[1], &truths[0]];
     let views: Vec<_> = (0..3)
         .map(|i| SegmentView {
             prior: Some(priors[i]),
@@ -166,7 +162,7 @@ fn every_bad_view_has_its_own_error_and_the_others_go_on() {
     let black = Photo::filled(WIDTH, HEIGHT, [0; 3]);
     let tiny = Photo::filled(1, 1, [9; 3]);
     let none = Photo::from_vec(0, 0, vec![]);
-    let small_prior = Grid::filled(3, 3, 1.0);
+    let small_prior = Mask::filled(3, 3, true);
     let views = [
         view(&good, &figure),
         view(&good, &nobody),
