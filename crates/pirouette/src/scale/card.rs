@@ -165,8 +165,61 @@ fn card_of(group: &[EdgePoint]) -> Option<Card> {
             }
         }
     }
-    best
+    best.and_then(|card| settle(card, group))
 }
+
+/// The card whose sides run through the edge points along them, corners left out
+///
+/// A line that was found by all points near it may be drawn aside by what lies beyond the card.
+fn settle(mut card: Card, group: &[EdgePoint]) -> Option<Card> {
+    for near in [2.0, 1.5, 1.0] {
+        let mut sides = Vec::with_capacity(4);
+        for i in 0..4 {
+            let (from, to) = (card.corners[i], card.corners[(i + 1) % 4]);
+            let length = from.distance(to);
+            let along = (to - from).try_normalize()?;
+            let on = group.iter().filter(|point| {
+                let d = point.position - from;
+                let part = d.dot(along) / length;
+                (SIDE_CORNER..1.0 - SIDE_CORNER).contains(&part)
+                    && along.perp_dot(d).abs() < near
+                    && along.perp_dot(point.normal).abs() > 0.9
+            });
+            sides.push(through(
+                &on.map(|point| point.position).collect::<Vec<_>>(),
+            )?);
+        }
+        let mut corners = [DVec2::ZERO; 4];
+        for (i, corner) in corners.iter_mut().enumerate() {
+            *corner = sides[(i + 3) % 4].meet(&sides[i])?;
+        }
+        card = check(&corners, group)?;
+    }
+    Some(card)
+}
+
+/// The line through points by least squares across it; `None` for few points
+fn through(points: &[DVec2]) -> Option<Line> {
+    if points.len() < 8 {
+        return None;
+    }
+    let mean = points.iter().sum::<DVec2>() / points.len() as f64;
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for p in points {
+        let d = *p - mean;
+        (xx, xy, yy) = (xx + d.x * d.x, xy + d.x * d.y, yy + d.y * d.y);
+    }
+    let normal = DVec2::from_angle(0.5 * (2.0 * xy).atan2(xx - yy)).perp();
+    Some(Line {
+        normal,
+        offset: mean.dot(normal),
+    })
+}
+
+/// Part of a side that belongs to the rounded corner at either end
+///
+/// Radius of the corners (ISO/IEC 7810 allows 2.88 to 3.48 mm) over the shorter side, and some more.
+const SIDE_CORNER: f64 = 0.09;
 
 fn nearly_parallel(a: &Line, b: &Line) -> bool {
     a.normal.perp_dot(b.normal).abs() < 0.15
@@ -234,21 +287,7 @@ fn refine(mut line: Line, group: &[EdgePoint]) -> Option<Line> {
             .filter(|p| p.normal.dot(line.normal).abs() > 0.9)
             .map(|p| p.position)
             .collect();
-        if on.len() < 8 {
-            return None;
-        }
-        let mean = on.iter().sum::<DVec2>() / on.len() as f64;
-        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-        for p in &on {
-            let d = *p - mean;
-            (xx, xy, yy) = (xx + d.x * d.x, xy + d.x * d.y, yy + d.y * d.y);
-        }
-        let along = 0.5 * (2.0 * xy).atan2(xx - yy);
-        let normal = DVec2::from_angle(along).perp();
-        line = Line {
-            normal,
-            offset: mean.dot(normal),
-        };
+        line = through(&on)?;
     }
     Some(line)
 }
@@ -302,16 +341,14 @@ fn singular_values(a: DVec2, b: DVec2) -> (f64, f64) {
 
 /// Part of a side that has an edge along it; the rounded corners of cards are left out
 fn side_coverage(from: DVec2, to: DVec2, group: &[EdgePoint]) -> f64 {
-    /// Radius of the corners (ISO/IEC 7810 allows 2.88 to 3.48 mm) over the shorter side, and some more
-    const CORNER: f64 = 0.09;
     const NEAR_PX: f64 = 1.2;
     let length = from.distance(to);
     let along = (to - from) / length.max(1e-9);
-    let steps = ((1.0 - 2.0 * CORNER) * length).floor().max(1.0) as usize;
+    let steps = ((1.0 - 2.0 * SIDE_CORNER) * length).floor().max(1.0) as usize;
     let mut seen = vec![false; steps];
     for point in group {
         let d = point.position - from;
-        let at = (d.dot(along) - CORNER * length).floor();
+        let at = (d.dot(along) - SIDE_CORNER * length).floor();
         if along.perp_dot(d).abs() < NEAR_PX
             && at >= 0.0
             && along.perp_dot(point.normal).abs() > 0.85
