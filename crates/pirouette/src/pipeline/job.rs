@@ -7,7 +7,7 @@ use pirouette_geom::{Grid, Mask, TriMesh};
 use rayon::prelude::*;
 
 use crate::avatar::gltf::load_avatar;
-use crate::avatar::mannequin::{MannequinParameters, mannequin, sketch, unmarked};
+use crate::avatar::mannequin::{MannequinParameters, mannequin, unmarked};
 use crate::avatar::{Avatar, landmarks, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, carve, carve_beside_avatar};
@@ -148,11 +148,11 @@ impl<'a> Job<'a> {
                     pose: scan.pose,
                     ..MannequinParameters::default()
                 };
-                Ok(match config.method {
-                    _ if free => sketch(&parameters)?,
-                    Method::Fit => mannequin(&parameters)?,
-                    // A carved body does not carry tapes and landmarks.
-                    Method::ThreeStep => unmarked(&parameters)?,
+                // Neither a first guess nor a carved body carries tapes and landmarks.
+                Ok(if free || config.method == Method::ThreeStep {
+                    unmarked(&parameters)?
+                } else {
+                    mannequin(&parameters)?
                 })
             }
             AvatarSource::File { name, bytes } => {

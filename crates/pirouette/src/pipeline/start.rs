@@ -13,7 +13,8 @@ use crate::scan::{CameraSetup, Scan};
 
 /// Whether the mannequin that a fit starts from is to be chosen: when nothing was said about it
 ///
-/// Until then a sketch of a neutral one does.
+/// Until then a neutral one does. A sketch would not: with its lumps for fingers as the prior, the segmentation loses hands
+/// (160 rendered photos: 10 % quantile of the IoU 0.985 to 0.978).
 pub(super) fn is_free(config: &Config) -> bool {
     let said_nothing = matches!(
         config.avatar,
@@ -74,8 +75,8 @@ pub(super) fn fit_views<'a>(
 ///
 /// The mass follows from the volume of a first rough fit, which hardly depends on where it starts. The sex is that of the
 /// mannequin whose unfitted surface, in its best poses, lies nearest to the outlines: on rendered women and men the wrong
-/// sex is 10 to 30 % farther off, while after four rounds of fitting the difference is 1 to 4 %. Both are told by
-/// sketches of mannequins; `bundle` has one. Where no mannequin has such a mass, it is one of usual mass.
+/// sex is 10 to 30 % farther off, while after four rounds of fitting the difference is 1 to 4 %. It is told by sketches of
+/// mannequins. Where no mannequin has such a mass, it is one of usual mass.
 ///
 /// # Errors
 /// When there is no mannequin of that stature at all.
