@@ -75,8 +75,8 @@ pub(super) fn fit_views<'a>(
 ///
 /// The mass follows from the volume of a first rough fit, which hardly depends on where it starts. The sex is that of the
 /// mannequin whose unfitted surface, in its best poses, lies nearest to the outlines: on rendered women and men the wrong
-/// sex is 10 to 30 % farther off, while after four rounds of fitting the difference is 1 to 4 %. It is told by sketches of
-/// mannequins. Where no mannequin has such a mass, it is one of usual mass.
+/// sex is 10 to 30 % farther off, while after four rounds of fitting the difference is 1 to 4 %. Both are told by sketches
+/// of mannequins. Where no mannequin has such a mass, it is one of usual mass.
 ///
 /// # Errors
 /// When there is no mannequin of that stature at all.
@@ -88,20 +88,6 @@ pub(super) fn choose_start(
     stature_mm: f64,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<Start, PipelineError> {
-    let poses: Vec<Pose> = views.iter().map(|view| bundle.poses[view.index]).collect();
-    let rough = fit_outlines(
-        &bundle.avatar,
-        &fit_views(bundle, views, &poses, stature_mm),
-        outlines,
-        &FitPrior {
-            posture: bundle.posture,
-            stature_mm: Some(stature_mm),
-            ..FitPrior::default()
-        },
-        &FitOptions::trial(),
-        cancelled,
-    );
-    let mass_kg = rough.avatar.mesh.volume() * KG_PER_CUBIC_MM;
     let posed = |figure: &Avatar| pose_figure(scan, bundle, views, figure, stature_mm);
     let of = |sex, mass_kg| MannequinParameters {
         sex,
@@ -110,6 +96,20 @@ pub(super) fn choose_start(
         pose: scan.pose,
         ..MannequinParameters::default()
     };
+    let (avatar, posture, poses) = posed(&sketch(&of(Sex::Neutral, None))?)?;
+    let rough = fit_outlines(
+        &avatar,
+        &fit_views(bundle, views, &poses, stature_mm),
+        outlines,
+        &FitPrior {
+            posture,
+            stature_mm: Some(stature_mm),
+            ..FitPrior::default()
+        },
+        &FitOptions::trial(),
+        cancelled,
+    );
+    let mass_kg = rough.avatar.mesh.volume() * KG_PER_CUBIC_MM;
     let mut residuals: Vec<(f64, Sex)> = [Sex::Female, Sex::Male, Sex::Neutral]
         .into_par_iter()
         .filter_map(|sex| {
