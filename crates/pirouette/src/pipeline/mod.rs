@@ -214,11 +214,9 @@ pub fn run(
             keep_views(fit, &fitted, &left);
         }
         let mut normalized = Vec::new();
-        if config.goal >= Goal::Reconstruct && (fit.is_none() || config.hull) {
-            normalized = views::normalized_silhouettes(&views);
-        }
         if config.goal >= Goal::Reconstruct {
             if fit.is_none() || config.hull {
+                normalized = views::normalized_silhouettes(&views);
                 hull = Some(job.carve(bundle, fit.as_ref(), &views, &normalized)?);
             }
             body = match &fit {
