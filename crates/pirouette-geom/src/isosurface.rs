@@ -9,6 +9,7 @@
 //! lose separate pieces. Features thinner than a cell, and separate pieces within two cells, can be lost; sharp edges
 //! are chamfered.
 
+mod crossing;
 mod cube_cases;
 mod field;
 mod lattice;
@@ -19,8 +20,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::tri_mesh::TriMesh;
-use cube_cases::{CASES, EDGE_COUNT, lower_corner};
-use lattice::Lattice;
+use crossing::{Crossing, refine};
+use cube_cases::{CASES, CubeCase, EDGE_COUNT, lower_corner};
+use lattice::{Lattice, place_key, place_of_key};
 
 pub use field::Field;
 
@@ -89,8 +91,41 @@ const BRICK_NODES: u32 = BRICK / NODE;
 /// Corners along a brick
 const BRICK_CORNERS: usize = BRICK as usize + 1;
 
-/// Vertices keep this part of an edge from its ends, so that no triangle shrinks to a point
-const MIN_EDGE_PART: f64 = 1e-3;
+/// Corners of the cells of a node
+const NODE_CORNERS: usize = (NODE as usize + 1).pow(3);
+
+/// Bits of the corners of a node on its faces, by axis and side
+const NODE_FACES: [[u32; 2]; 3] = {
+    let mut faces = [[0; 2]; 3];
+    let mut corner = 0;
+    while corner < NODE_CORNERS as u32 {
+        let place = node_corner_place(corner);
+        let mut axis = 0;
+        while axis < 3 {
+            if place[axis].is_multiple_of(NODE) {
+                faces[axis][(place[axis] / NODE) as usize] |= 1 << corner;
+            }
+            axis += 1;
+        }
+        corner += 1;
+    }
+    faces
+};
+
+/// Corners of the cells of a node among the node's own
+const CELL_CORNERS: [[u32; 8]; 8] = {
+    let mut corners = [[0; 8]; 8];
+    let mut i = 0;
+    while i < 64 {
+        let (cell, corner) = (i / 8, i % 8);
+        let (a, b) = (cube_corner(cell), cube_corner(corner));
+        let side = NODE + 1;
+        corners[cell as usize][corner as usize] =
+            a[0] + b[0] + side * (a[1] + b[1] + side * (a[2] + b[2]));
+        i += 1;
+    }
+    corners
+};
 
 /// Extracts the surface where `field` changes its sign; an empty mesh when it does not
 ///
@@ -125,18 +160,22 @@ pub fn extract_surface(
     options: &SurfaceOptions,
 ) -> Result<TriMesh, SurfaceError> {
     let grid = Lattice::new(&field, options)?;
-    let mut bricks: BTreeMap<[u32; 3], Brick> = BTreeMap::new();
+    // By the names of their origins
+    let mut bricks = BTreeMap::new();
     let mut pending = BTreeMap::new();
     if !options.thin_pieces {
         pending = grid.find_crossings();
     }
     if pending.is_empty() {
-        pending = grid.find_bricks().into_iter().map(|o| (o, None)).collect();
+        let found = grid.find_bricks().into_iter();
+        pending = found.map(|origin| (place_key(origin), None)).collect();
     }
     while !pending.is_empty() {
-        let mut work: Vec<Brick> = Vec::with_capacity(pending.len());
-        for (origin, nodes) in pending {
-            let mut brick = bricks.remove(&origin).unwrap_or_else(|| Brick::new(origin));
+        let mut work = Vec::with_capacity(pending.len());
+        for (key, nodes) in pending {
+            let mut brick = bricks
+                .remove(&key)
+                .unwrap_or_else(|| Brick::new(place_of_key(key)));
             brick.wanted = nodes.map_or(Wanted::Search, Wanted::Nodes);
             work.push(brick);
         }
@@ -146,22 +185,25 @@ pub fn extract_surface(
             .collect();
         // Most bricks searched turn out to hold nothing: they go at once, or they would fill the memory.
         let found = work.into_iter().filter(|brick| brick.active != 0);
-        bricks.extend(found.map(|brick| (brick.origin, brick)));
+        bricks.extend(found.map(|brick| (place_key(brick.origin), brick)));
         pending = BTreeMap::new();
-        for (origin, node) in requests.into_iter().flatten() {
-            let active = bricks.get(&origin).map_or(0, |brick| brick.active);
+        for (key, node) in requests.into_iter().flatten() {
+            let active = bricks.get(&key).map_or(0, |brick| brick.active);
             if active & node == 0 {
-                *pending.entry(origin).or_insert(Some(0)).get_or_insert(0) |= node;
+                *pending.entry(key).or_insert(Some(0)).get_or_insert(0) |= node;
             }
         }
     }
-    let bricks: Vec<Brick> = bricks.into_values().collect();
-    let pieces: Vec<Piece> = bricks.par_iter().map(|brick| brick.cut(&grid)).collect();
+    let bricks: Vec<Brick<_>> = bricks.into_values().collect();
+    let pieces: Vec<Piece> = bricks
+        .par_iter()
+        .map_init(Vec::new, |scratch, brick| brick.cut(&grid, scratch))
+        .collect();
     Ok(weld(pieces))
 }
 
-/// A brick's origin in cells and one bit for a node of it
-type NodeRequest = ([u32; 3], u64);
+/// The name of a brick's origin and one bit for a node of it
+type NodeRequest = (u64, u64);
 
 /// What to do with a brick next
 #[derive(Debug, Clone, Copy)]
@@ -174,22 +216,36 @@ enum Wanted {
 
 /// A cube of cells with the field values at those corners that were needed
 #[derive(Debug)]
-struct Brick {
+struct Brick<P> {
     /// First cell
     origin: [u32; 3],
     /// Values at the corners, NaN where not yet evaluated; x runs fastest; empty before the first
     values: Vec<f32>,
     /// Nodes that are switched on, one bit each; x runs fastest
     active: u64,
+    /// These nodes, by their bits
+    nodes: Vec<Node<P>>,
     wanted: Wanted,
 }
 
-impl Brick {
+/// A block of cells that the surface enters
+#[derive(Debug)]
+struct Node<P> {
+    /// Its bit in the brick
+    bit: u32,
+    /// Which of its corners are inside, one bit each; x runs fastest
+    inside: u32,
+    /// The part of the field in it
+    part: P,
+}
+
+impl<P: Copy> Brick<P> {
     fn new(origin: [u32; 3]) -> Self {
         Self {
             origin,
             values: Vec::new(),
             active: 0,
+            nodes: Vec::new(),
             wanted: Wanted::Search,
         }
     }
@@ -200,7 +256,7 @@ impl Brick {
         x + BRICK_CORNERS * (y + BRICK_CORNERS * z)
     }
 
-    fn value<F: Field>(&mut self, grid: &Lattice<F>, local: [u32; 3], part: F::Part) -> f64 {
+    fn value<F: Field<Part = P>>(&mut self, grid: &Lattice<F>, local: [u32; 3], part: P) -> f64 {
         match self.values.get(Self::slot(local)) {
             Some(&value) if !value.is_nan() => f64::from(value),
             _ => self.keep(local, grid.value(offset(self.origin, local, 1), part)),
@@ -218,7 +274,7 @@ impl Brick {
     }
 
     /// The part of the field in this brick
-    fn part<F: Field>(&self, grid: &Lattice<F>) -> F::Part {
+    fn part<F: Field<Part = P>>(&self, grid: &Lattice<F>) -> P {
         let middle = offset(self.origin, [1; 3], BRICK / 2);
         grid.middle(middle, BRICK, grid.field.whole()).1
     }
@@ -226,7 +282,7 @@ impl Brick {
     /// Switches on the wanted nodes and follows the surface through the brick
     ///
     /// Returns the nodes of other bricks into which the surface goes on.
-    fn sample<F: Field>(&mut self, grid: &Lattice<F>) -> Vec<NodeRequest> {
+    fn sample<F: Field<Part = P>>(&mut self, grid: &Lattice<F>) -> Vec<NodeRequest> {
         let (mut queue, part) = match self.wanted {
             Wanted::Search => self.search(grid),
             Wanted::Nodes(nodes) => (nodes, self.part(grid)),
@@ -244,10 +300,11 @@ impl Brick {
             let middle = offset(first, [1; 3], NODE / 2);
             let (value, part) = grid.middle(offset(self.origin, middle, 1), NODE, part);
             self.keep(middle, value);
-            self.evaluate(grid, part, first);
-            for axis in 0..3 {
-                for side in 0..2 {
-                    if !self.changes_sign(grid, part, first, axis, side) {
+            let inside = self.evaluate(grid, part, first);
+            self.nodes.push(Node { bit, inside, part });
+            for (axis, faces) in NODE_FACES.iter().enumerate() {
+                for (side, face) in faces.iter().enumerate() {
+                    if inside & face == 0 || inside & face == *face {
                         continue;
                     }
                     let mut neighbor = offset(self.origin, first, 1);
@@ -263,44 +320,45 @@ impl Brick {
                     if origin == self.origin {
                         queue |= mask & !self.active;
                     } else {
-                        requests.push((origin, mask));
+                        requests.push((place_key(origin), mask));
                     }
                 }
             }
         }
+        // So that meshes do not depend on where the surface was found first
+        self.nodes.sort_unstable_by_key(|node| node.bit);
         requests
     }
 
-    /// Evaluates the corners of all cells of a node, as far as that was not done
-    fn evaluate<F: Field>(&mut self, grid: &Lattice<F>, part: F::Part, first: [u32; 3]) {
-        const MOST: usize = (NODE as usize + 1).pow(3);
-        let mut corners = [[0; 3]; MOST];
-        let mut points = [DVec3::ZERO; MOST];
+    /// Evaluates the corners of all cells of a node, as far as that was not done; tells by bits which are inside
+    fn evaluate<F: Field<Part = P>>(&mut self, grid: &Lattice<F>, part: P, first: [u32; 3]) -> u32 {
+        let mut inside = 0;
+        let mut corners = [(0, [0; 3]); NODE_CORNERS];
+        let mut points = [DVec3::ZERO; NODE_CORNERS];
         let mut count = 0;
-        for z in 0..=NODE {
-            for y in 0..=NODE {
-                for x in 0..=NODE {
-                    let local = offset(first, [x, y, z], 1);
-                    let value = self.values.get(Self::slot(local));
-                    if value.is_none_or(|value| value.is_nan()) {
-                        corners[count] = local;
-                        points[count] = grid.position(offset(self.origin, local, 1));
-                        count += 1;
-                    }
-                }
+        for corner in 0..NODE_CORNERS as u32 {
+            let local = offset(first, node_corner_place(corner), 1);
+            let value = self.values[Self::slot(local)];
+            if value.is_nan() {
+                corners[count] = (corner, local);
+                points[count] = grid.position(offset(self.origin, local, 1));
+                count += 1;
+            } else {
+                inside |= u32::from(value < 0.0) << corner;
             }
         }
-        let mut values = [0.0; MOST];
+        let mut values = [0.0; NODE_CORNERS];
         grid.field
             .values(&points[..count], part, &mut values[..count]);
-        for (&local, &value) in corners[..count].iter().zip(&values) {
-            let corner = offset(self.origin, local, 1);
-            self.keep(local, grid.bounded(corner, value));
+        for (&(corner, local), &value) in corners[..count].iter().zip(&values) {
+            let value = grid.bounded(offset(self.origin, local, 1), value);
+            inside |= u32::from(self.keep(local, value) < 0.0) << corner;
         }
+        inside
     }
 
     /// Nodes near the surface, found from coarse to fine, and the part of the field here
-    fn search<F: Field>(&mut self, grid: &Lattice<F>) -> (u64, F::Part) {
+    fn search<F: Field<Part = P>>(&mut self, grid: &Lattice<F>) -> (u64, P) {
         let middle = offset(self.origin, [1; 3], BRICK / 2);
         let (center, part) = grid.middle(middle, BRICK, grid.field.whole());
         if !grid.may_cut(self.origin, BRICK, center) {
@@ -326,7 +384,7 @@ impl Brick {
     /// Whether not all corners of a node are on the side of its center
     ///
     /// Surfaces that come in otherwise are followed from where they come.
-    fn is_mixed<F: Field>(
+    fn is_mixed<F: Field<Part = P>>(
         &mut self,
         grid: &Lattice<F>,
         part: F::Part,
@@ -339,144 +397,62 @@ impl Brick {
         })
     }
 
-    /// Whether the corners on one face of a node are partly inside, partly outside
-    fn changes_sign<F: Field>(
-        &mut self,
-        grid: &Lattice<F>,
-        part: F::Part,
-        first: [u32; 3],
-        axis: usize,
-        side: u32,
-    ) -> bool {
-        let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
-        let mut inside = 0;
-        for u in 0..=NODE {
-            for v in 0..=NODE {
-                let mut local = first;
-                local[axis] += side * NODE;
-                local[b] += u;
-                local[c] += v;
-                inside += u32::from(self.value(grid, local, part) < 0.0);
-            }
-        }
-        inside != 0 && inside != (NODE + 1).pow(2)
-    }
-
     /// Cuts all cells of the active nodes
-    fn cut<F: Field>(&self, grid: &Lattice<F>) -> Piece {
+    fn cut<F: Field<Part = P>>(&self, grid: &Lattice<F>, vertex_of_edge: &mut Vec<u32>) -> Piece {
         let mut piece = Piece::default();
-        let part = self.part(grid);
-        let mut vertex_of_edge = vec![u32::MAX; 3 * self.values.len()];
-        for bit in (0..u64::BITS).filter(|bit| self.active & (1 << bit) != 0) {
-            for child in 0..8 {
-                let cell = offset(node_corner(bit), cube_corner(child), 1);
-                self.cut_cell(grid, part, cell, &mut vertex_of_edge, &mut piece);
+        vertex_of_edge.clear();
+        vertex_of_edge.resize(3 * self.values.len(), u32::MAX);
+        let mut crossings = Vec::new();
+        for node in &self.nodes {
+            let mut cells = [(&CASES[0], [0; EDGE_COUNT as usize]); 8];
+            for (child, (case, vertices)) in cells.iter_mut().enumerate() {
+                *case = &CASES[node.case(child)];
+                let cell = offset(node_corner(node.bit), cube_corner(child as u32), 1);
+                for &edge in &case.edges {
+                    let from = offset(cell, cube_corner(u32::from(lower_corner(edge))), 1);
+                    let axis = usize::from(edge / 4);
+                    let slot = &mut vertex_of_edge[3 * Self::slot(from) + axis];
+                    if *slot == u32::MAX {
+                        *slot = (piece.positions.len() + crossings.len()) as u32;
+                        piece.keys.push(self.edge_key(from, axis));
+                        crossings.push(self.crossing(grid, from, axis));
+                    }
+                    vertices[usize::from(edge)] = *slot;
+                }
+            }
+            refine(grid.field, node.part, grid.secant_steps, &mut crossings);
+            let positions = crossings.drain(..).map(|crossing| crossing.position());
+            piece.positions.extend(positions);
+            for (case, vertices) in cells {
+                piece.add(case, &vertices);
             }
         }
         piece
-    }
-
-    fn cut_cell<F: Field>(
-        &self,
-        grid: &Lattice<F>,
-        part: F::Part,
-        cell: [u32; 3],
-        vertex_of_edge: &mut [u32],
-        piece: &mut Piece,
-    ) {
-        let mut inside = 0u8;
-        for corner in 0..8 {
-            let value = self.values[Self::slot(offset(cell, cube_corner(corner), 1))];
-            inside |= u8::from(value < 0.0) << corner;
-        }
-        let case = &CASES[inside as usize];
-        if case.triangles.is_empty() {
-            return;
-        }
-        let mut vertex = |edge: u8, piece: &mut Piece| {
-            let from = offset(cell, cube_corner(u32::from(lower_corner(edge))), 1);
-            let axis = usize::from(edge / 4);
-            let slot = &mut vertex_of_edge[3 * Self::slot(from) + axis];
-            if *slot == u32::MAX {
-                *slot = piece.positions.len() as u32;
-                piece.keys.push(self.edge_key(from, axis));
-                piece.positions.push(self.crossing(grid, part, from, axis));
-            }
-            *slot
-        };
-        let mut centers = Vec::new();
-        for polygon in &case.centers {
-            let sum: DVec3 = polygon
-                .iter()
-                .map(|&edge| {
-                    let v = vertex(edge, piece);
-                    piece.positions[v as usize]
-                })
-                .sum();
-            centers.push(piece.positions.len() as u32);
-            piece.keys.push(None);
-            piece.positions.push(sum / polygon.len() as f64);
-        }
-        for triangle in &case.triangles {
-            let triangle = triangle.map(|edge| match edge.checked_sub(EDGE_COUNT) {
-                Some(center) => centers[usize::from(center)],
-                None => vertex(edge, piece),
-            });
-            piece.triangles.push(triangle);
-        }
     }
 
     /// Name of a grid edge that other bricks share, `None` for one inside this brick
     fn edge_key(&self, from: [u32; 3], axis: usize) -> Option<u64> {
         let shared = (0..3).any(|a| a != axis && (from[a] == 0 || from[a] == BRICK));
         shared.then(|| {
-            let [x, y, z] = offset(self.origin, from, 1).map(u64::from);
-            // 21 bits hold a corner index up to MAX_CELLS.
-            (((x << 21 | y) << 21 | z) << 1 << 1) | axis as u64
+            // Names of places stay just above 2^62 at most.
+            place_key(offset(self.origin, from, 1)) * 3 + axis as u64
         })
     }
 
-    /// Where the field changes its sign along a grid edge
-    fn crossing<F: Field>(
+    /// A grid edge along which the field changes its sign
+    fn crossing<F: Field<Part = P>>(
         &self,
         grid: &Lattice<F>,
-        part: F::Part,
         from: [u32; 3],
         axis: usize,
-    ) -> DVec3 {
+    ) -> Crossing {
         let mut to = from;
         to[axis] += 1;
-        let mut a = f64::from(self.values[Self::slot(from)]);
-        let mut b = f64::from(self.values[Self::slot(to)]);
-        let start = grid.position(offset(self.origin, from, 1));
-        let along = DVec3::AXES[axis] * grid.cell_size;
-        let (mut ta, mut tb) = (0.0, 1.0);
-        let mut t = a / (a - b);
-        let mut moved_a = None;
-        for step in 1..=grid.secant_steps {
-            let value = grid.field.value(start + along * t, part);
-            if value.is_nan() {
-                break;
-            }
-            // Illinois rule: an end that stays twice counts half, or a bent field would hold it for ever. The
-            // point found so is one to evaluate, not a result.
-            let moves_a = (value < 0.0) == (a < 0.0);
-            let stays_again = moved_a == Some(moves_a) && step < grid.secant_steps;
-            if moves_a {
-                (ta, a) = (t, value);
-                b /= if stays_again { 2.0 } else { 1.0 };
-            } else {
-                (tb, b) = (t, value);
-                a /= if stays_again { 2.0 } else { 1.0 };
-            }
-            moved_a = Some(moves_a);
-            let refined = ta + (tb - ta) * a / (a - b);
-            if !refined.is_finite() {
-                break;
-            }
-            t = refined;
-        }
-        start + along * t.clamp(MIN_EDGE_PART, 1.0 - MIN_EDGE_PART)
+        Crossing::new(
+            grid.position(offset(self.origin, from, 1)),
+            DVec3::AXES[axis] * grid.cell_size,
+            [from, to].map(|corner| f64::from(self.values[Self::slot(corner)])),
+        )
     }
 }
 
@@ -493,6 +469,19 @@ fn rounded(value: f64) -> f32 {
     }
 }
 
+impl<P> Node<P> {
+    /// How the surface runs through a cell, by the bits of the cell's corners that are inside
+    #[inline]
+    fn case(&self, cell: usize) -> usize {
+        CELL_CORNERS[cell]
+            .iter()
+            .enumerate()
+            .fold(0, |case, (bit, &corner)| {
+                case | ((self.inside >> corner & 1) as usize) << bit
+            })
+    }
+}
+
 /// The surface within one brick
 #[derive(Debug, Default)]
 struct Piece {
@@ -500,6 +489,26 @@ struct Piece {
     /// Name of the vertex where other bricks have it too
     keys: Vec<Option<u64>>,
     triangles: Vec<[u32; 3]>,
+}
+
+impl Piece {
+    /// Adds the triangles of a cell with these vertices on its edges
+    fn add(&mut self, case: &CubeCase, vertices: &[u32; EDGE_COUNT as usize]) {
+        let first_center = self.positions.len() as u32;
+        for polygon in &case.centers {
+            let corners = polygon.iter().map(|&edge| vertices[usize::from(edge)]);
+            let sum: DVec3 = corners.map(|v| self.positions[v as usize]).sum();
+            self.keys.push(None);
+            self.positions.push(sum / polygon.len() as f64);
+        }
+        let vertex = |corner: u8| match corner.checked_sub(EDGE_COUNT) {
+            Some(center) => first_center + u32::from(center),
+            None => vertices[usize::from(corner)],
+        };
+        for &[a, b, c] in &case.triangles {
+            self.triangles.push([vertex(a), vertex(b), vertex(c)]);
+        }
+    }
 }
 
 /// Joins the pieces at the vertices that they share
@@ -539,6 +548,12 @@ fn node_corner(bit: u32) -> [u32; 3] {
     node.map(|n| n % BRICK_NODES * NODE)
 }
 
+/// Place of a corner within its node; x runs fastest
+const fn node_corner_place(corner: u32) -> [u32; 3] {
+    const SIDE: u32 = NODE + 1;
+    [corner % SIDE, corner / SIDE % SIDE, corner / SIDE / SIDE]
+}
+
 /// The bit of the node that holds a cell of its brick
 fn node_mask(cell: [u32; 3]) -> u64 {
     let [x, y, z] = cell.map(|v| v / NODE);
@@ -547,7 +562,7 @@ fn node_mask(cell: [u32; 3]) -> u64 {
 
 /// Corner of the unit cube by its bits
 #[inline]
-fn cube_corner(bits: u32) -> [u32; 3] {
+const fn cube_corner(bits: u32) -> [u32; 3] {
     [bits & 1, bits >> 1 & 1, bits >> 2 & 1]
 }
 

@@ -262,7 +262,10 @@ impl TriMesh {
     /// # Panics
     /// When a triangle names a vertex that does not exist.
     pub fn components(&self) -> Vec<TriMesh> {
-        let roots = self.roots();
+        self.components_of(&self.roots())
+    }
+
+    fn components_of(&self, roots: &[u32]) -> Vec<TriMesh> {
         let mut component_of_root = vec![u32::MAX; self.positions.len()];
         let mut new_index = vec![u32::MAX; self.positions.len()];
         let mut components: Vec<TriMesh> = Vec::new();
@@ -314,10 +317,14 @@ impl TriMesh {
     /// # Panics
     /// When a triangle names a vertex that does not exist.
     pub fn largest_component(self) -> TriMesh {
-        if !self.triangles.is_empty() && self.roots().iter().all(|&root| root == 0) {
+        let roots = self.roots();
+        if !self.triangles.is_empty() && roots.iter().all(|&root| root == 0) {
             return self;
         }
-        self.components().into_iter().next().unwrap_or_default()
+        self.components_of(&roots)
+            .into_iter()
+            .next()
+            .unwrap_or_default()
     }
 }
 

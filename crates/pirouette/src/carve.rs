@@ -9,6 +9,7 @@
 
 mod outline_map;
 mod phantom;
+mod projected_view;
 
 use std::f64::consts::PI;
 
@@ -22,6 +23,7 @@ use crate::camera::Camera;
 use crate::units::TurnAngle;
 pub(crate) use outline_map::OutlineMap;
 use phantom::PhantomField;
+use projected_view::{ProjectedView, ViewSet, nan_max};
 
 /// One silhouette and how it was seen
 #[derive(Debug, Clone, Copy)]
@@ -258,19 +260,6 @@ struct HullField {
     lipschitz: f64,
 }
 
-/// A silhouette's outline map and the projection onto it
-struct ProjectedView {
-    map: OutlineMap,
-    /// View frame (x right, y down, z forward, mm) of the world origin
-    origin: DVec3,
-    /// View frame of the world's axes
-    axes: [DVec3; 3],
-    focal_px: f64,
-    mm_per_px_at_unit_depth: f64,
-    /// Principal point, px
-    center: [f64; 2],
-}
-
 impl HullField {
     fn new(views: &[CarveView], misses_to_remove: usize) -> Result<Self, CarveError> {
         for (index, view) in views.iter().enumerate() {
@@ -356,6 +345,16 @@ impl Field for &HullField {
         HullField::value(self, point, part)
     }
 
+    fn is_inside(&self, point: DVec3, part: ViewSet) -> bool {
+        if self.misses_to_remove > 1 {
+            return HullField::value(self, point, part) < 0.0;
+        }
+        let whole = self.any_cut && part == ViewSet::ALL;
+        point.y > 0.0
+            && part.of(&self.views).all(|view| view.distance(point) < 0.0)
+            && (!whole || HullField::value(self, point, part) < 0.0)
+    }
+
     fn values(&self, points: &[DVec3], part: ViewSet, values: &mut [f64]) {
         assert_eq!(points.len(), values.len(), "a value for each point");
         if self.misses_to_remove > 1 || (self.any_cut && part == ViewSet::ALL) {
@@ -369,9 +368,7 @@ impl Field for &HullField {
             *value = -point.y;
         }
         for view in part.of(&self.views) {
-            for (value, &point) in values.iter_mut().zip(points) {
-                *value = nan_max(view.distances(point).0, *value);
-            }
+            view.raise(points, values);
         }
     }
 
@@ -407,51 +404,6 @@ impl Field for &HullField {
         }
         (value, of.only(|index| distances[index] >= least))
     }
-}
-
-/// Some of the views, by their places
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct ViewSet(u128);
-
-impl ViewSet {
-    /// More views than this are never told apart
-    const MOST: usize = u128::BITS as usize;
-
-    const ALL: Self = Self(u128::MAX);
-
-    /// Places in the set, in ascending order; those of views that do not exist come last
-    fn indices(self) -> impl Iterator<Item = usize> {
-        let mut left = self.0;
-        std::iter::from_fn(move || {
-            let index = (left != 0).then(|| left.trailing_zeros() as usize)?;
-            left &= left - 1;
-            Some(index)
-        })
-    }
-
-    /// Those of the views that are in the set
-    fn of(self, views: &[ProjectedView]) -> impl Iterator<Item = &ProjectedView> {
-        let all = (self == Self::ALL).then_some(views);
-        let some = all.is_none().then(|| self.indices());
-        let some = some
-            .into_iter()
-            .flatten()
-            .map_while(|index| views.get(index));
-        all.into_iter().flatten().chain(some)
-    }
-
-    fn only(self, keep: impl Fn(usize) -> bool) -> Self {
-        Self(
-            self.indices()
-                .filter(|&index| keep(index))
-                .fold(0, |set, index| set | 1 << index),
-        )
-    }
-}
-
-/// The larger number; NaN if one is, unlike `f64::max`
-fn nan_max(a: f64, b: f64) -> f64 {
-    if a >= b || a.is_nan() { a } else { b }
 }
 
 fn check_view(view: usize, given: &CarveView) -> Result<(), CarveError> {
@@ -507,51 +459,6 @@ fn direction_spread(turns: impl Iterator<Item = TurnAngle>) -> f64 {
 fn slope_bound(camera: &Camera) -> f64 {
     let half_diagonal = (camera.width_px as f64).hypot(camera.height_px as f64) / 2.0;
     1.15 * (half_diagonal / camera.focal_px()).hypot(1.0)
-}
-
-impl ProjectedView {
-    fn new(view: &CarveView, map: OutlineMap) -> Self {
-        let room_from_world = view.turn.room_from_world();
-        let origin = view.camera.view_from_room(DVec3::ZERO);
-        Self {
-            map,
-            origin,
-            axes: DVec3::AXES
-                .map(|axis| view.camera.view_from_room(room_from_world * axis) - origin),
-            focal_px: view.camera.focal_px(),
-            mm_per_px_at_unit_depth: view.camera.focal_px().recip(),
-            center: [
-                view.camera.width_px as f64 / 2.0,
-                view.camera.height_px as f64 / 2.0,
-            ],
-        }
-    }
-
-    /// Depth of a world point along the optical axis, in mm
-    fn depth(&self, point: DVec3) -> f64 {
-        self.origin.z + DVec3::from_array(self.axes.map(|axis| axis.z)).dot(point)
-    }
-
-    /// Signed distances in mm at the depth of a world point: to the silhouette's outline and to the photo's border
-    ///
-    /// NaN at and behind the camera.
-    #[inline]
-    fn distances(&self, point: DVec3) -> (f64, f64) {
-        let [x, y, z] = self.axes;
-        let in_view = self.origin + x * point.x + y * point.y + z * point.z;
-        if in_view.z <= 0.0 {
-            return (f64::NAN, f64::NAN);
-        }
-        let px_per_mm = self.focal_px / in_view.z;
-        let mm_per_px = in_view.z * self.mm_per_px_at_unit_depth;
-        let u = self.center[0] + in_view.x * px_per_mm;
-        let v = self.center[1] + in_view.y * px_per_mm;
-        let to_photo = f64::max(
-            (u - self.center[0]).abs() - self.center[0],
-            (v - self.center[1]).abs() - self.center[1],
-        );
-        (self.map.at(u, v) * mm_per_px, to_photo * mm_per_px)
-    }
 }
 
 #[cfg(test)]

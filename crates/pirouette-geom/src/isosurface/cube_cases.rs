@@ -11,7 +11,9 @@ pub(super) const EDGE_COUNT: u8 = 12;
 /// How the surface runs through a cube with certain corners inside
 #[derive(Debug, Default)]
 pub(super) struct CubeCase {
-    /// Edges that the surface cuts, as triangles, counter-clockwise seen from outside the solid; an
+    /// Edges that the surface cuts
+    pub(super) edges: Vec<u8>,
+    /// The same, as triangles, counter-clockwise seen from outside the solid; an
     /// index from [`EDGE_COUNT`] on is the center of a polygon
     pub(super) triangles: Vec<[u8; 3]>,
     /// Edges around each polygon that needs a center
@@ -70,7 +72,11 @@ impl CubeCase {
                 }
             }
         }
-        let mut case = Self::default();
+        let cut = |edge: &u8| next[usize::from(*edge)].is_some();
+        let mut case = Self {
+            edges: (0..EDGE_COUNT).filter(cut).collect(),
+            ..Self::default()
+        };
         for first in 0..EDGE_COUNT {
             let mut polygon = Vec::new();
             let mut edge = first;
@@ -153,6 +159,11 @@ mod tests {
                 let cut = (inside >> corner) & 1 != (inside >> other) & 1;
                 let used = case.triangles.iter().flatten().any(|&e| e == edge);
                 assert_eq!(cut, used, "case {inside}, edge {edge}");
+                assert_eq!(
+                    cut,
+                    case.edges.contains(&edge),
+                    "case {inside}, edge {edge}"
+                );
             }
         }
     }

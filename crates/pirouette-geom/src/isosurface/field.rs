@@ -13,6 +13,11 @@ pub trait Field: Sync {
     /// The value at a point where the part holds
     fn value(&self, point: DVec3, part: Self::Part) -> f64;
 
+    /// Whether the value at a point is negative
+    fn is_inside(&self, point: DVec3, part: Self::Part) -> bool {
+        self.value(point, part) < 0.0
+    }
+
     /// The values at points that lie close together
     ///
     /// # Panics

@@ -66,6 +66,16 @@ impl<'a, F: Field> Lattice<'a, F> {
         self.bounded(corner, self.field.value(self.position(corner), part))
     }
 
+    /// Whether a corner is inside
+    fn is_inside(&self, corner: [u32; 3], part: F::Part) -> bool {
+        !self.on_border(corner) && self.field.is_inside(self.position(corner), part)
+    }
+
+    /// Whether a corner lies on the border of the grid, where nothing is inside
+    fn on_border(&self, corner: [u32; 3]) -> bool {
+        (0..3).any(|a| corner[a] == 0 || corner[a] >= self.counts[a])
+    }
+
     /// The value at the corner in the middle of a cube of `size` cells, and the part of the field in the cube
     pub(super) fn middle(&self, corner: [u32; 3], size: u32, of: F::Part) -> (f64, F::Part) {
         let radius = f64::from(size) * self.cell_size * 3f64.sqrt() / 2.0;
@@ -75,10 +85,9 @@ impl<'a, F: Field> Lattice<'a, F> {
 
     /// A value as it counts at a corner: what cannot be inside is made positive
     pub(super) fn bounded(&self, corner: [u32; 3], value: f64) -> f64 {
-        let on_border = (0..3).any(|a| corner[a] == 0 || corner[a] >= self.counts[a]);
         if value.is_nan() {
             self.cell_size
-        } else if on_border {
+        } else if self.on_border(corner) {
             value.max(self.cell_size)
         } else {
             value
@@ -117,17 +126,23 @@ impl<'a, F: Field> Lattice<'a, F> {
         blocks
     }
 
-    /// For each brick of whose edges the surface crosses one: its origin and a node along that edge that is crossed
-    pub(super) fn find_crossings(&self) -> BTreeMap<[u32; 3], Option<u64>> {
+    /// For each brick of whose edges the surface crosses one: the name of its origin and a node along that edge that is crossed
+    pub(super) fn find_crossings(&self) -> BTreeMap<u64, Option<u64>> {
         let bricks = self.find_bricks();
         let corners = |origin: [u32; 3]| (0..8).map(move |c| offset(origin, cube_corner(c), BRICK));
-        let mut all: Vec<[u32; 3]> = bricks.iter().flat_map(|&origin| corners(origin)).collect();
+        let mut all: Vec<u64> = bricks
+            .iter()
+            .flat_map(|&origin| corners(origin).map(place_key))
+            .collect();
         all.par_sort_unstable();
         all.dedup();
         let whole = self.field.whole();
-        let inside = |&corner: &[u32; 3]| self.value(corner, whole) < 0.0;
+        let inside = |&key: &u64| self.is_inside(place_of_key(key), whole);
         let sides: Vec<bool> = all.par_iter().map(inside).collect();
-        let side = |corner: [u32; 3]| all.binary_search(&corner).is_ok_and(|at| sides[at]);
+        let side = |corner| {
+            all.binary_search(&place_key(corner))
+                .is_ok_and(|at| sides[at])
+        };
         let crossed_node = |&origin: &[u32; 3]| {
             let sides = corners(origin).map(side);
             let inside = sides
@@ -144,13 +159,28 @@ impl<'a, F: Field> Lattice<'a, F> {
                 local[axis] = step * NODE;
                 local
             };
-            let inside_at = |step| self.value(offset(origin, along(step), 1), whole) < 0.0;
+            let inside_at = |step| self.is_inside(offset(origin, along(step), 1), whole);
             let start = inside >> corner & 1 != 0;
             // The end is on the other side, as was found already.
             let step = (1..BRICK_NODES).find(|&step| inside_at(step) != start);
             let cell = along(step.unwrap_or(BRICK_NODES) - 1).map(|v| v.min(BRICK - NODE));
-            Some((origin, Some(node_mask(cell))))
+            Some((place_key(origin), Some(node_mask(cell))))
         };
         bricks.par_iter().filter_map(crossed_node).collect()
     }
+}
+
+/// Name of a place of the grid; in the order of names, places follow layer by layer along y
+///
+/// What is looked up for a layer from all around, as by silhouettes of a person who turned about the y axis,
+/// lies close together.
+pub(super) fn place_key(place: [u32; 3]) -> u64 {
+    // 21 bits hold an index up to MAX_CELLS.
+    let [x, y, z] = place.map(u64::from);
+    (y << 21 | z) << 21 | x
+}
+
+/// The place with a name
+pub(super) fn place_of_key(key: u64) -> [u32; 3] {
+    [key, key >> 42, key >> 21].map(|bits| (bits & ((1 << 21) - 1)) as u32)
 }

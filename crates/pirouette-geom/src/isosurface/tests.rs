@@ -1,3 +1,4 @@
+use super::crossing::MIN_EDGE_PART;
 use super::*;
 use crate::tri_mesh::MeshDefect;
 use proptest::prelude::*;

@@ -72,6 +72,13 @@ impl OutlineMap {
         if x >= 0.0 && y >= 0.0 && x <= self.last_cell.x && y <= self.last_cell.y {
             return self.within(x, y);
         }
+        self.beyond(u, v)
+    }
+
+    /// The value at a photo point off the map
+    #[cold]
+    fn beyond(&self, u: f64, v: f64) -> f64 {
+        let (x, y) = (u - self.first.x, v - self.first.y);
         let at_border = self.within(
             x.clamp(0.0, self.last_cell.x),
             y.clamp(0.0, self.last_cell.y),

@@ -1,0 +1,151 @@
+//! Views as carving looks points up in them.
+
+use glam::DVec3;
+
+use super::{CarveView, OutlineMap};
+
+/// A silhouette's outline map and the projection onto it
+pub(super) struct ProjectedView {
+    pub(super) map: OutlineMap,
+    /// View frame (x right, y down, z forward, mm) of the world origin
+    origin: DVec3,
+    /// View frame of the world's axes
+    axes: [DVec3; 3],
+    focal_px: f64,
+    pub(super) mm_per_px_at_unit_depth: f64,
+    /// Principal point, px
+    center: [f64; 2],
+}
+
+impl ProjectedView {
+    pub(super) fn new(view: &CarveView, map: OutlineMap) -> Self {
+        let room_from_world = view.turn.room_from_world();
+        let origin = view.camera.view_from_room(DVec3::ZERO);
+        Self {
+            map,
+            origin,
+            axes: DVec3::AXES
+                .map(|axis| view.camera.view_from_room(room_from_world * axis) - origin),
+            focal_px: view.camera.focal_px(),
+            mm_per_px_at_unit_depth: view.camera.focal_px().recip(),
+            center: [
+                view.camera.width_px as f64 / 2.0,
+                view.camera.height_px as f64 / 2.0,
+            ],
+        }
+    }
+
+    /// Depth of a world point along the optical axis, in mm
+    pub(super) fn depth(&self, point: DVec3) -> f64 {
+        self.origin.z + DVec3::from_array(self.axes.map(|axis| axis.z)).dot(point)
+    }
+
+    /// Where a world point is seen, in px, and how many mm a pixel is there
+    ///
+    /// The last is NaN at and behind the camera, where nothing is seen.
+    #[inline]
+    fn project(&self, point: DVec3) -> (f64, f64, f64) {
+        let [x, y, z] = self.axes;
+        let in_view = self.origin + x * point.x + y * point.y + z * point.z;
+        let px_per_mm = self.focal_px / in_view.z;
+        (
+            self.center[0] + in_view.x * px_per_mm,
+            self.center[1] + in_view.y * px_per_mm,
+            if in_view.z > 0.0 {
+                in_view.z * self.mm_per_px_at_unit_depth
+            } else {
+                f64::NAN
+            },
+        )
+    }
+
+    /// Signed distance in mm from a projected point to the silhouette's outline; NaN at and behind the camera
+    #[inline]
+    fn to_outline(&self, (u, v, mm_per_px): (f64, f64, f64)) -> f64 {
+        self.map.at(u, v) * mm_per_px
+    }
+
+    /// The same from a world point
+    #[inline]
+    pub(super) fn distance(&self, point: DVec3) -> f64 {
+        self.to_outline(self.project(point))
+    }
+
+    /// The same, and the signed distance to the photo's border
+    #[inline]
+    pub(super) fn distances(&self, point: DVec3) -> (f64, f64) {
+        let (u, v, mm_per_px) = self.project(point);
+        let to_photo = f64::max(
+            (u - self.center[0]).abs() - self.center[0],
+            (v - self.center[1]).abs() - self.center[1],
+        );
+        let to_outline = self.to_outline((u, v, mm_per_px));
+        (to_outline, to_photo * mm_per_px)
+    }
+
+    /// Raises the values at points to the distances to the silhouette's outline
+    ///
+    /// Points are projected many at once before the map is asked.
+    #[inline]
+    pub(super) fn raise(&self, points: &[DVec3], values: &mut [f64]) {
+        const RUN: usize = 32;
+        for (points, values) in points.chunks(RUN).zip(values.chunks_mut(RUN)) {
+            let mut places = [(0.0, 0.0, 0.0); RUN];
+            for (place, &point) in places.iter_mut().zip(points) {
+                *place = self.project(point);
+            }
+            for (value, &place) in values.iter_mut().zip(&places) {
+                *value = nan_max(self.to_outline(place), *value);
+            }
+        }
+    }
+}
+
+/// Some of the views, by their places
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct ViewSet(u128);
+
+impl ViewSet {
+    /// More views than this are never told apart
+    pub(super) const MOST: usize = u128::BITS as usize;
+
+    pub(super) const ALL: Self = Self(u128::MAX);
+
+    /// Places in the set, in ascending order; those of views that do not exist come last
+    pub(super) fn indices(self) -> impl Iterator<Item = usize> {
+        let mut left = self.0;
+        std::iter::from_fn(move || {
+            let index = (left != 0).then(|| left.trailing_zeros() as usize)?;
+            left &= left - 1;
+            Some(index)
+        })
+    }
+
+    /// Those of the views that are in the set
+    #[inline]
+    pub(super) fn of(self, views: &[ProjectedView]) -> impl Iterator<Item = &ProjectedView> {
+        let count = u32::try_from(views.len()).unwrap_or(u32::MAX);
+        let exist = u128::MAX.checked_shl(count).map_or(u128::MAX, |none| !none);
+        let mut left = self.0 & exist;
+        let some = std::iter::from_fn(move || {
+            let index = (left != 0).then(|| left.trailing_zeros() as usize)?;
+            left &= left - 1;
+            Some(&views[index])
+        });
+        // More than fit the set are in it all together, or their last ones never left it out.
+        some.chain(views.get(Self::MOST..).into_iter().flatten())
+    }
+
+    pub(super) fn only(self, keep: impl Fn(usize) -> bool) -> Self {
+        Self(
+            self.indices()
+                .filter(|&index| keep(index))
+                .fold(0, |set, index| set | 1 << index),
+        )
+    }
+}
+
+/// The larger number; NaN if one is, unlike `f64::max`
+pub(super) fn nan_max(a: f64, b: f64) -> f64 {
+    if a >= b || a.is_nan() { a } else { b }
+}
