@@ -16,6 +16,7 @@ mod lattice;
 
 use std::collections::{BTreeMap, HashMap};
 
+use foldhash::fast::FixedState;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -514,7 +515,7 @@ impl Piece {
 /// Joins the pieces at the vertices that they share
 fn weld(pieces: Vec<Piece>) -> TriMesh {
     let mut mesh = TriMesh::default();
-    let mut vertex_of_key: HashMap<u64, u32> = HashMap::new();
+    let mut vertex_of_key: HashMap<u64, u32, FixedState> = HashMap::default();
     for piece in pieces {
         let vertices: Vec<u32> = piece
             .positions

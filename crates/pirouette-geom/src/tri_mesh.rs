@@ -1,7 +1,9 @@
 //! Indexed triangle meshes in space: normals, volume, adjacency, checks.
 
 use std::cmp::Reverse;
+use std::collections::HashMap;
 
+use foldhash::fast::FixedState;
 use glam::DVec3;
 
 use crate::triangle_sides::sides_by_edge;
@@ -255,6 +257,53 @@ impl TriMesh {
         Ok(())
     }
 
+    /// A coarser mesh to look at: vertices that share a cube of a grid become one at their mean
+    ///
+    /// Triangles that shrink to an edge or a point go. Along every edge of a closed mesh as many triangles run one way as
+    /// the other, here as before; the mesh may touch itself where the first one did not. A vertex that is not
+    /// finite stays alone.
+    ///
+    /// # Source
+    /// J. Rossignac, P. Borrel, 1993, Multi-resolution 3D approximations for rendering complex scenes.
+    ///
+    /// # Panics
+    /// When `cell_size` is not positive, or a triangle names a vertex that does not exist.
+    pub fn clustered(&self, cell_size: f64) -> TriMesh {
+        assert!(cell_size > 0.0, "cells of size {cell_size}");
+        let mut cluster_of_cell: HashMap<[i64; 3], u32, FixedState> = HashMap::default();
+        let mut sums: Vec<(DVec3, u32)> = Vec::new();
+        let cluster_of_vertex: Vec<u32> = self
+            .positions
+            .iter()
+            .map(|&position| {
+                let next = sums.len() as u32;
+                let cluster = if position.is_finite() {
+                    let cell = (position / cell_size).floor().to_array().map(|v| v as i64);
+                    *cluster_of_cell.entry(cell).or_insert(next)
+                } else {
+                    next
+                };
+                if cluster == next {
+                    sums.push((DVec3::ZERO, 0));
+                }
+                let (sum, count) = &mut sums[cluster as usize];
+                *sum += position;
+                *count += 1;
+                cluster
+            })
+            .collect();
+        let triangles = self
+            .triangles
+            .iter()
+            .map(|triangle| triangle.map(|v| cluster_of_vertex[v as usize]));
+        TriMesh {
+            positions: sums.iter().map(|&(sum, n)| sum / f64::from(n)).collect(),
+            triangles: triangles
+                .filter(|[a, b, c]| a != b && b != c && c != a)
+                .collect(),
+        }
+    }
+
     /// Splits the mesh into its connected components, largest absolute volume first
     ///
     /// Triangles are connected by shared vertices. Vertices keep their order; unused ones are dropped.
@@ -345,6 +394,10 @@ fn find_root(parents: &mut [u32], mut v: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
+    use proptest::prelude::*;
+
     use super::*;
 
     fn tetrahedron(offset: DVec3) -> TriMesh {
@@ -364,6 +417,37 @@ mod tests {
         both.triangles
             .extend(b.triangles.iter().map(|t| t.map(|v| v + shift)));
         both
+    }
+
+    proptest! {
+        #[test]
+        fn clusters_are_the_means_of_their_cells_and_keep_edges_in_balance(
+            points in prop::collection::vec(prop::array::uniform3(-3.0..3.0_f64), 4..40),
+            corners in prop::collection::vec(prop::array::uniform4(any::<prop::sample::Index>()), 1..20),
+        ) {
+            // The surfaces of tetrahedra: closed, however they touch
+            let corners = corners.iter().map(|t| t.map(|i| i.index(points.len()) as u32));
+            let mesh = TriMesh {
+                positions: points.iter().map(|&p| DVec3::from_array(p)).collect(),
+                triangles: corners.flat_map(|[a, b, c, d]| [[b, c, d], [a, d, c], [a, b, d], [a, c, b]]).collect(),
+            };
+            let coarse = mesh.clustered(1.0);
+            let mut cells: BTreeMap<[i64; 3], Vec<DVec3>> = BTreeMap::new();
+            for &p in &mesh.positions {
+                cells.entry(p.floor().to_array().map(|v| v as i64)).or_default().push(p);
+            }
+            prop_assert_eq!(coarse.positions.len(), cells.len());
+            for members in cells.values() {
+                let mean = members.iter().sum::<DVec3>() / members.len() as f64;
+                prop_assert!(coarse.positions.iter().any(|p| p.distance(mean) < 1e-9));
+            }
+            let mut balance: BTreeMap<[u32; 2], i32> = BTreeMap::new();
+            for (from, to) in coarse.triangles.iter().flat_map(sides) {
+                prop_assert!(from != to);
+                *balance.entry([from.min(to), from.max(to)]).or_default() += if from < to { 1 } else { -1 };
+            }
+            prop_assert!(balance.values().all(|&sum| sum == 0));
+        }
     }
 
     #[test]

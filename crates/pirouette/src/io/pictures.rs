@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use glam::DVec3;
-use pirouette_geom::Mask;
+use pirouette_geom::{Mask, TriMesh};
 use rayon::prelude::*;
 
 use crate::avatar::Avatar;
@@ -30,6 +30,31 @@ const REFERENCE_SCALE: f64 = 0.6;
 
 /// And in the picture of residuals
 const SEEN_SCALE: f64 = 0.6;
+
+/// Cells in which the vertices of a carved body are put together for pictures, in mm
+///
+/// Pixels of the contact sheet are about as large; carved bodies have ten vertices in each.
+const CARVED_DETAIL_MM: f64 = 6.0;
+
+/// The body as pictures show it
+pub(super) struct DrawnBody<'a> {
+    pub(super) surface: Cow<'a, TriMesh>,
+    pub(super) mesh: SilhouetteMesh,
+}
+
+impl<'a> DrawnBody<'a> {
+    /// `None` where there is no body
+    pub(super) fn new(report: &'a Report) -> Option<Self> {
+        let body = report.body.as_ref()?;
+        // The colors of a fitted body belong to its vertices.
+        let surface = match report.fit {
+            Some(_) => Cow::Borrowed(body),
+            None => Cow::Owned(body.clustered(CARVED_DETAIL_MM)),
+        };
+        let mesh = SilhouetteMesh::new(&surface.triangles);
+        Some(Self { surface, mesh })
+    }
+}
 
 /// Draws what was known and found over the photo of one view
 pub(super) fn draw_overlay(view: &View, report: &Report, found: &ViewReport) -> Photo {
@@ -59,18 +84,16 @@ fn reference<'a>(report: &'a Report, bundle: &'a Bundle) -> &'a Avatar {
 /// Draws all views side by side: photo, mask, normalized over reference, body
 ///
 /// A fitted body has the colors of the photos and the pose of the view, a carved one stands in the reference pose.
-///
-/// `body_mesh` is made of the body's triangles.
 pub(super) fn draw_contact_sheet(
     loaded: &LoadedScan,
     report: &Report,
-    body_mesh: Option<&SilhouetteMesh>,
+    body: Option<&DrawnBody>,
 ) -> Photo {
     let colors = report.colors.as_ref().map(SurfaceColors::to_linear);
     let bundle = report.bundle.as_ref();
     let reference = bundle.map(|bundle| &reference(report, bundle).mesh);
-    let of_reference = reference.map(|mesh| match body_mesh {
-        Some(same) if same.triangles() == mesh.triangles => Cow::Borrowed(same),
+    let of_reference = reference.map(|mesh| match body {
+        Some(same) if same.mesh.triangles() == mesh.triangles => Cow::Borrowed(&same.mesh),
         _ => Cow::Owned(SilhouetteMesh::new(&mesh.triangles)),
     });
     let drawn: Vec<_> = report
@@ -87,14 +110,14 @@ pub(super) fn draw_contact_sheet(
             });
             let camera = seen.map(|(camera, turn)| (camera.scaled(BODY_SCALE), turn));
             // A fitted body can stand as in the photo, to be held against it.
-            let body = report.body.as_ref().zip(body_mesh).zip(camera);
-            let body = body.and_then(|((body, mesh), (camera, turn))| {
+            let body = body.zip(camera);
+            let body = body.and_then(|(DrawnBody { surface, mesh }, (camera, turn))| {
                 Some(match &report.fit {
                     Some(fit) => {
                         let positions = posed(fit, fit.poses.get(place)?, turn);
                         render::shade(mesh, &positions, colors.as_deref(), &camera)
                     }
-                    None => render::shade(mesh, &turned(&body.positions, turn), None, &camera),
+                    None => render::shade(mesh, &turned(&surface.positions, turn), None, &camera),
                 })
             });
             (reference, body)
@@ -122,13 +145,13 @@ pub(super) fn draw_contact_sheet(
 
 /// Draws how far the outlines in the photos are from the fitted body's, and how many views see each part of it
 ///
-/// `None` when no body was fitted. `mesh` is made of the body's triangles.
+/// `None` when no body was fitted.
 pub(super) fn draw_residuals(
     loaded: &LoadedScan,
     report: &Report,
-    mesh: Option<&SilhouetteMesh>,
+    body: Option<&DrawnBody>,
 ) -> Option<Photo> {
-    let (bundle, fit, mesh) = (report.bundle.as_ref()?, report.fit.as_ref()?, mesh?);
+    let (bundle, fit, mesh) = (report.bundle.as_ref()?, report.fit.as_ref()?, &body?.mesh);
     let silhouettes: Vec<Mask> = report
         .views
         .par_iter()

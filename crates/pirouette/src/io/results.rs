@@ -13,13 +13,12 @@ use serde_json::{Map, Value, json};
 use thiserror::Error;
 
 use crate::avatar::ReferencePose;
-use crate::avatar::render::SilhouetteMesh;
 use crate::bundle::{Bundle, Scale};
 use crate::io::atomic::{WriteError, make_folder, write_whole};
 use crate::io::mesh::{BodyMesh, MeshFormat};
 use crate::io::page::{Page, PageView, write_page};
 use crate::io::photo::{encode_jpeg, encode_mask, resample_mask, shrink};
-use crate::io::pictures::{draw_contact_sheet, draw_overlay, draw_residuals};
+use crate::io::pictures::{DrawnBody, draw_contact_sheet, draw_overlay, draw_residuals};
 use crate::io::scan_folder::LoadedScan;
 use crate::normalize::{JointPositions, LimbRefinement, Registration};
 use crate::picture::tape_sheet;
@@ -92,36 +91,40 @@ pub fn write_results(
         Ok::<_, ResultError>(Some(jpeg))
     };
     let some_views = !report.views.is_empty();
-    let mesh = report.body.as_ref();
-    let mesh = mesh.map(|body| SilhouetteMesh::new(&body.triangles));
-    let mesh = mesh.as_ref();
-    let contact = || some_views.then(|| draw_contact_sheet(loaded, report, mesh));
-    let residuals = || {
-        some_views
-            .then(|| draw_residuals(loaded, report, mesh))
-            .flatten()
-    };
-    let tapes = || {
-        let (body, measurements) = (report.body.as_ref()?, report.measurements.as_ref()?);
-        Some(tape_sheet(body, mesh?, measurements))
-    };
     let write_views = || {
         let views = report.views.par_iter();
         let write = |view| write_view(folder, loaded, report, view, with_page);
         views.map(write).collect::<Result<Vec<_>, _>>()
     };
-    // The largest pictures one after the other: each takes its memory.
-    let large = || {
-        let contact = sheet("contact.jpg", &contact)?;
-        Ok::<_, ResultError>((contact, sheet("residuals.jpg", &residuals)?))
+    let sheets = || {
+        let body = DrawnBody::new(report);
+        let body = body.as_ref();
+        let contact = || some_views.then(|| draw_contact_sheet(loaded, report, body));
+        let residuals = || {
+            some_views
+                .then(|| draw_residuals(loaded, report, body))
+                .flatten()
+        };
+        let tapes = || {
+            let (body, measurements) = (body?, report.measurements.as_ref()?);
+            Some(tape_sheet(&body.surface, &body.mesh, measurements))
+        };
+        // The largest ones one after the other: each takes its memory.
+        let large = || {
+            let contact = sheet("contact.jpg", &contact)?;
+            Ok::<_, ResultError>((contact, sheet("residuals.jpg", &residuals)?))
+        };
+        let (tapes, large) = rayon::join(|| sheet("tapes.jpg", &tapes), large);
+        let (contact, residuals) = large?;
+        Ok::<_, ResultError>((contact, residuals, tapes?))
     };
     let others = || {
         let page_overlays = write_views()?;
         write_bodies(folder, report, options.formats)?;
-        Ok::<_, ResultError>((page_overlays, sheet("tapes.jpg", &tapes)?))
+        Ok::<_, ResultError>(page_overlays)
     };
-    let (large, others) = rayon::join(large, others);
-    let ((contact_sheet, residuals), (page_overlays, tapes)) = (large?, others?);
+    let (sheets, page_overlays) = rayon::join(sheets, others);
+    let ((contact_sheet, residuals, tapes), page_overlays) = (sheets?, page_overlays?);
     let mut sizes = Vec::new();
     if let Some(measurements) = &report.measurements {
         let advice = measurements.advise(options.charts);

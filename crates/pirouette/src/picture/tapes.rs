@@ -31,24 +31,26 @@ pub fn tape_sheet(body: &TriMesh, mesh: &SilhouetteMesh, measurements: &Measurem
     let Some((low, high)) = body.bounds().filter(|(low, high)| high.y > low.y) else {
         return sheet;
     };
-    let mut label_rows: Vec<(f64, String)> = Vec::new();
-    for (place, degrees) in [0.0, 90.0].into_iter().enumerate() {
+    let camera = far_camera(low, high);
+    let from = |degrees: f64| {
         let turn = TurnAngle::from_degrees(degrees).room_from_world();
-        let camera = far_camera(low, high);
-        let positions: Vec<DVec3> = body.positions.iter().map(|&p| turn * p).collect();
-        let mut tile = shade(mesh, &positions, None, &camera);
-        for (girth, curve) in &measurements.tapes {
-            let points: Vec<DVec3> = curve.iter().map(|&p| turn * p).collect();
-            draw_tape(&mut tile, &points, &camera);
-            if place == 0
-                && let Some(text) = label(*girth, measurements)
-            {
-                let top = points.iter().map(|p| p.y).sum::<f64>() / points.len() as f64;
-                label_rows.push((camera.project(DVec3::Y * top).y, text));
-            }
+        let turned =
+            |points: &[DVec3]| -> Vec<DVec3> { points.iter().map(|&p| turn * p).collect() };
+        let mut tile = shade(mesh, &turned(&body.positions), None, &camera);
+        for (_, curve) in &measurements.tapes {
+            draw_tape(&mut tile, &turned(curve), &camera);
         }
-        paste(&mut sheet, &tile, (place * width, 0));
-    }
+        tile
+    };
+    let (front, side) = rayon::join(|| from(0.0), || from(90.0));
+    paste(&mut sheet, &front, (0, 0));
+    paste(&mut sheet, &side, (width, 0));
+    let labels = measurements.tapes.iter().filter_map(|(girth, curve)| {
+        let top = curve.iter().map(|p| p.y).sum::<f64>() / curve.len() as f64;
+        let row = camera.project(DVec3::Y * top).y;
+        Some((row, label(*girth, measurements)?))
+    });
+    let mut label_rows: Vec<(f64, String)> = labels.collect();
     label_rows.sort_by(|a, b| a.0.total_cmp(&b.0));
     let line = canvas::text_size("", TEXT_SCALE).1 as f64 + 4.0;
     let mut free = 10.0;
