@@ -267,7 +267,7 @@ impl HullField {
         }
         let used: Vec<(&CarveView, OutlineMap)> = views
             .par_iter()
-            .filter_map(|view| Some((view, OutlineMap::new(view.silhouette)?)))
+            .filter_map(|view| Some((view, OutlineMap::new(view.silhouette, OutlineMap::FAR_PX)?)))
             .collect();
         let usable = used.len();
         if usable < 2 {

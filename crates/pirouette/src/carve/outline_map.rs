@@ -25,11 +25,6 @@ pub(crate) struct OutlineMap {
 /// lie within.
 const EXACT_PX: f64 = 3.0;
 
-/// Larger distances, in px, are given as this one
-///
-/// They tell only how far around a point there is nothing to look for.
-const FAR_PX: f32 = 32.0;
-
 /// Pixels kept around the silhouette: beyond, distances are those to the box that holds it
 ///
 /// Only the search for blocks to skip looks there.
@@ -39,8 +34,15 @@ impl OutlineMap {
     /// Coverage at the outline
     pub(crate) const LEVEL: f32 = 0.5;
 
-    /// `None` for a silhouette without inside
-    pub(crate) fn new(silhouette: &Grid<f32>) -> Option<Self> {
+    /// How far distances are told to find where there is nothing to look for, in px
+    pub(crate) const FAR_PX: f32 = 32.0;
+
+    /// The same where only the outline and its sides are asked for: a fifth of the work
+    pub(crate) const NEAR_PX: f32 = 4.0;
+
+    /// Larger distances than `reach_px`, at least [`Self::NEAR_PX`], are given as this one; `None` for a silhouette
+    /// without inside
+    pub(crate) fn new(silhouette: &Grid<f32>, reach_px: f32) -> Option<Self> {
         let (x0, y0, x1, y1) = silhouette.bounding_box_where(|&v| v >= Self::LEVEL)?;
         let (width, height) = (silhouette.width(), silhouette.height());
         let cut = x0 == 0 || y0 == 0 || x1 == width || y1 == height;
@@ -50,7 +52,7 @@ impl OutlineMap {
         let soft = smooth(silhouette, (x0, y0), (x1 - x0, y1 - y0));
         let mask = soft.threshold(Self::LEVEL);
         let mut distances = distances_to_outline(&soft);
-        blend_far(&mut distances, &mask);
+        blend_far(&mut distances, &mask, reach_px);
         let distances = at_least_two_wide(distances);
         let size = DVec2::new(distances.width() as f64, distances.height() as f64);
         Some(Self {
@@ -198,15 +200,15 @@ fn distance_to_segment(p: DVec2, a: DVec2, b: DVec2) -> f64 {
 }
 
 /// Gives distances their sign, and takes those that are not known exactly from the map of whole pixels
-fn blend_far(distances: &mut Grid<f32>, mask: &Mask) {
+fn blend_far(distances: &mut Grid<f32>, mask: &Mask, reach_px: f32) {
     /// What whole pixels can be wrong by: half a pixel and its diagonal
     const SLACK_PX: f32 = 0.75;
-    let whole = signed_distance_within(mask, FAR_PX);
+    let whole = signed_distance_within(mask, reach_px);
     for (distance, &whole) in distances.as_mut_slice().iter_mut().zip(whole.as_slice()) {
         let magnitude = if distance.is_finite() {
             *distance
         } else {
-            (whole.abs() - SLACK_PX).clamp(EXACT_PX as f32, FAR_PX)
+            (whole.abs() - SLACK_PX).clamp(EXACT_PX as f32, reach_px)
         };
         *distance = magnitude.copysign(whole);
     }
@@ -230,7 +232,8 @@ mod tests {
     #[test]
     fn distances_to_a_disc_are_exact_to_a_twentieth_of_a_pixel() {
         let center = DVec2::new(40.3, 37.8);
-        let map = OutlineMap::new(&disc(center, 20.0, 80)).expect("the disc is there");
+        let map = OutlineMap::new(&disc(center, 20.0, 80), OutlineMap::FAR_PX)
+            .expect("the disc is there");
         assert!(!map.cut);
         for i in 0..1000 {
             let t = f64::from(i);
@@ -244,7 +247,8 @@ mod tests {
     #[test]
     fn far_distances_have_the_right_sign_and_are_never_too_large() {
         let center = DVec2::new(40.0, 40.0);
-        let map = OutlineMap::new(&disc(center, 20.0, 200)).expect("the disc is there");
+        let map = OutlineMap::new(&disc(center, 20.0, 200), OutlineMap::FAR_PX)
+            .expect("the disc is there");
         for (p, distance) in [
             (DVec2::new(40.0, 40.0), -20.0),
             (DVec2::new(70.0, 40.0), 10.0),
@@ -258,7 +262,8 @@ mod tests {
 
     #[test]
     fn a_cut_silhouette_goes_on_beyond_the_border() {
-        let map = OutlineMap::new(&disc(DVec2::new(5.0, 40.0), 20.0, 80)).expect("a disc");
+        let map = OutlineMap::new(&disc(DVec2::new(5.0, 40.0), 20.0, 80), OutlineMap::FAR_PX)
+            .expect("a disc");
         assert!(map.cut);
         assert!(map.at(0.5, 40.0) < -10.0);
         assert!(map.at(-300.0, 40.0) < -10.0);
@@ -267,14 +272,15 @@ mod tests {
 
     #[test]
     fn degenerate_silhouettes() {
-        assert!(OutlineMap::new(&Grid::filled(0, 0, 1.0)).is_none());
-        assert!(OutlineMap::new(&Grid::filled(3, 2, f32::NAN)).is_none());
-        let full = OutlineMap::new(&Grid::filled(1, 1, 1.0)).expect("one pixel is inside");
+        assert!(OutlineMap::new(&Grid::filled(0, 0, 1.0), OutlineMap::FAR_PX).is_none());
+        assert!(OutlineMap::new(&Grid::filled(3, 2, f32::NAN), OutlineMap::FAR_PX).is_none());
+        let full = OutlineMap::new(&Grid::filled(1, 1, 1.0), OutlineMap::FAR_PX)
+            .expect("one pixel is inside");
         assert!(full.at(0.5, 0.5) < 0.0 && full.at(10.0, -10.0) < 0.0);
         // One lone pixel vanishes by smoothing, but its map is still sound.
         let mut lone = Grid::filled(9, 9, 0.0);
         lone[(4, 4)] = 1.0;
-        let lone = OutlineMap::new(&lone).expect("one pixel is inside");
+        let lone = OutlineMap::new(&lone, OutlineMap::FAR_PX).expect("one pixel is inside");
         assert!(lone.at(4.5, 4.5).is_finite());
     }
 }

@@ -38,7 +38,7 @@ impl SeenView {
     ) -> Option<Self> {
         let (expected, corner) = framed(expected);
         Some(Self {
-            outline: OutlineMap::new(silhouette)?,
+            outline: OutlineMap::new(silhouette, OutlineMap::NEAR_PX)?,
             expected,
             corner,
             camera,
