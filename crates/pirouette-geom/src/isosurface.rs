@@ -514,7 +514,12 @@ impl Piece {
 
 /// Joins the pieces at the vertices that they share
 fn weld(pieces: Vec<Piece>) -> TriMesh {
-    let mut mesh = TriMesh::default();
+    let vertex_count = pieces.iter().map(|piece| piece.positions.len()).sum();
+    let triangle_count = pieces.iter().map(|piece| piece.triangles.len()).sum();
+    let mut mesh = TriMesh {
+        positions: Vec::with_capacity(vertex_count),
+        triangles: Vec::with_capacity(triangle_count),
+    };
     let mut vertex_of_key: HashMap<u64, u32, FixedState> = HashMap::default();
     for piece in pieces {
         let vertices: Vec<u32> = piece

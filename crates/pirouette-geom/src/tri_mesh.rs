@@ -311,10 +311,7 @@ impl TriMesh {
     /// # Panics
     /// When a triangle names a vertex that does not exist.
     pub fn components(&self) -> Vec<TriMesh> {
-        self.components_of(&self.roots())
-    }
-
-    fn components_of(&self, roots: &[u32]) -> Vec<TriMesh> {
+        let roots = self.roots();
         let mut component_of_root = vec![u32::MAX; self.positions.len()];
         let mut new_index = vec![u32::MAX; self.positions.len()];
         let mut components: Vec<TriMesh> = Vec::new();
@@ -365,15 +362,40 @@ impl TriMesh {
     ///
     /// # Panics
     /// When a triangle names a vertex that does not exist.
-    pub fn largest_component(self) -> TriMesh {
+    pub fn largest_component(mut self) -> TriMesh {
         let roots = self.roots();
         if !self.triangles.is_empty() && roots.iter().all(|&root| root == 0) {
             return self;
         }
-        self.components_of(&roots)
-            .into_iter()
-            .next()
-            .unwrap_or_default()
+        // By root; those of unused vertices have none
+        let mut volumes = vec![None; self.positions.len()];
+        for (t, triangle) in self.triangles.iter().enumerate() {
+            let [a, b, c] = self.corners(t);
+            let volume = volumes[roots[triangle[0] as usize] as usize].get_or_insert(0.0);
+            *volume += a.dot(b.cross(c));
+        }
+        let sizes = (0u32..).zip(&volumes);
+        let sizes =
+            sizes.filter_map(|(root, volume): (u32, &Option<f64>)| Some((root, (*volume)?.abs())));
+        let largest = sizes.reduce(|a, b| if b.1.total_cmp(&a.1).is_gt() { b } else { a });
+        let Some((root, _)) = largest else {
+            return TriMesh::default();
+        };
+        let mut new_index = Vec::with_capacity(roots.len());
+        let mut count = 0;
+        for &other in &roots {
+            new_index.push(count);
+            count += u32::from(other == root);
+        }
+        let mut vertex_roots = roots.iter();
+        self.positions
+            .retain(|_| vertex_roots.next() == Some(&root));
+        self.triangles
+            .retain(|triangle| roots[triangle[0] as usize] == root);
+        for v in self.triangles.iter_mut().flatten() {
+            *v = new_index[*v as usize];
+        }
+        self
     }
 }
 
@@ -524,6 +546,26 @@ mod tests {
             *triangle = triangle.map(|v| if v > 4 { v - 1 } else { v });
         }
         assert_eq!(mesh.check(), Err(MeshDefect::TouchingVertex { vertex: 0 }));
+    }
+
+    proptest! {
+        #[test]
+        fn the_largest_component_is_the_first_one(sizes in prop::collection::vec(0.1..3.0_f64, 1..6), at in any::<prop::sample::Index>()) {
+            let mut all = TriMesh::default();
+            for (i, size) in sizes.iter().enumerate() {
+                let mut one = tetrahedron(DVec3::X * 9.0 * i as f64);
+                for p in &mut one.positions {
+                    *p *= *size;
+                }
+                all = together(&all, &one);
+            }
+            // An unused vertex
+            all.positions.push(DVec3::ONE);
+            let turn = at.index(all.triangles.len());
+            all.triangles.rotate_left(turn);
+            let first = all.components().into_iter().next().unwrap_or_default();
+            prop_assert_eq!(all.largest_component(), first);
+        }
     }
 
     #[test]

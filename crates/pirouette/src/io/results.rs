@@ -114,7 +114,7 @@ pub fn write_results(
             let contact = sheet("contact.jpg", &contact)?;
             Ok::<_, ResultError>((contact, sheet("residuals.jpg", &residuals)?))
         };
-        let (tapes, large) = rayon::join(|| sheet("tapes.jpg", &tapes), large);
+        let (large, tapes) = rayon::join(large, || sheet("tapes.jpg", &tapes));
         let (contact, residuals) = large?;
         Ok::<_, ResultError>((contact, residuals, tapes?))
     };
