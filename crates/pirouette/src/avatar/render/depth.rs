@@ -150,8 +150,9 @@ impl DepthBuffer {
                 |x, y, weights| {
                     let [wa, wb, wc] = weights;
                     let nearness = (wa * a.nearness + wb * b.nearness + wc * c.nearness) as f32;
-                    if nearness > buffer.nearness[(x, y)] {
-                        buffer.nearness[(x, y)] = nearness;
+                    let nearest = &mut buffer.nearness[(x, y)];
+                    if nearness > *nearest {
+                        *nearest = nearness;
                         buffer.triangle[(x, y)] = t as u32;
                     }
                 },
@@ -195,17 +196,24 @@ fn each_pixel(
     };
     let (x0, x1) = (first(low.x), end(high.x, width));
     let (y0, y1) = (first(low.y), end(high.y, height));
-    // barycentric weights of b and c grow by these per column
-    let step_b = (c - a).y / area;
-    let step_c = -(b - a).y / area;
+    if x0 >= x1 {
+        return;
+    }
+    // barycentric weights of b and c, and what they grow by per column
+    let (for_b, for_c) = ((c - a) / area, (b - a) / area);
+    let (step_b, step_c) = (for_b.y, -for_c.y);
     for y in y0..y1 {
         let start = DVec2::new(x0 as f64 + 0.5, y as f64 + 0.5) - a;
-        let mut wb = start.perp_dot(c - a) / area;
-        let mut wc = (b - a).perp_dot(start) / area;
+        let mut wb = start.perp_dot(for_b);
+        let mut wc = for_c.perp_dot(start);
+        let mut entered = false;
         for x in x0..x1 {
             let wa = 1.0 - wb - wc;
-            if wa >= -EDGE_SLACK && wb >= -EDGE_SLACK && wc >= -EDGE_SLACK {
+            if wa.min(wb).min(wc) >= -EDGE_SLACK {
                 visit(x, y, [wa, wb, wc]);
+                entered = true;
+            } else if entered {
+                break;
             }
             wb += step_b;
             wc += step_c;
