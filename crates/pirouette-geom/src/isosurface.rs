@@ -297,7 +297,7 @@ impl<P: Copy> Brick<P> {
             }
             self.active |= 1 << bit;
             let first = node_corner(bit);
-            // The faces evaluate all corners but this one.
+            // The value here tells the part of the field; the other corners follow from it.
             let middle = offset(first, [1; 3], NODE / 2);
             let (value, part) = grid.middle(offset(self.origin, middle, 1), NODE, part);
             self.keep(middle, value);
@@ -388,7 +388,7 @@ impl<P: Copy> Brick<P> {
     fn is_mixed<F: Field<Part = P>>(
         &mut self,
         grid: &Lattice<F>,
-        part: F::Part,
+        part: P,
         first: [u32; 3],
         inside: bool,
     ) -> bool {

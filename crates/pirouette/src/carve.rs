@@ -349,10 +349,11 @@ impl Field for &HullField {
         if self.misses_to_remove > 1 {
             return HullField::value(self, point, part) < 0.0;
         }
-        let whole = self.any_cut && part == ViewSet::ALL;
+        let may_be_unseen = self.any_cut && part == ViewSet::ALL;
+        // The first view that misses the point tells.
         point.y > 0.0
             && part.of(&self.views).all(|view| view.distance(point) < 0.0)
-            && (!whole || HullField::value(self, point, part) < 0.0)
+            && (!may_be_unseen || HullField::value(self, point, part) < 0.0)
     }
 
     fn values(&self, points: &[DVec3], part: ViewSet, values: &mut [f64]) {

@@ -122,17 +122,11 @@ impl ViewSet {
     }
 
     /// Those of the views that are in the set
+    ///
+    /// Sets of more than fit are never told apart: the views beyond belong to all of them.
     #[inline]
-    pub(super) fn of(self, views: &[ProjectedView]) -> impl Iterator<Item = &ProjectedView> {
-        let count = u32::try_from(views.len()).unwrap_or(u32::MAX);
-        let exist = u128::MAX.checked_shl(count).map_or(u128::MAX, |none| !none);
-        let mut left = self.0 & exist;
-        let some = std::iter::from_fn(move || {
-            let index = (left != 0).then(|| left.trailing_zeros() as usize)?;
-            left &= left - 1;
-            Some(&views[index])
-        });
-        // More than fit the set are in it all together, or their last ones never left it out.
+    pub(super) fn of<T>(self, views: &[T]) -> impl Iterator<Item = &T> {
+        let some = self.indices().map_while(|index| views.get(index));
         some.chain(views.get(Self::MOST..).into_iter().flatten())
     }
 
@@ -148,4 +142,21 @@ impl ViewSet {
 /// The larger number; NaN if one is, unlike `f64::max`
 pub(super) fn nan_max(a: f64, b: f64) -> f64 {
     if a >= b || a.is_nan() { a } else { b }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sets_hold_the_views_that_exist() {
+        let views: Vec<usize> = (0..130).collect();
+        let all = |count: usize| ViewSet::ALL.of(&views[..count]).copied();
+        for count in [0, 1, 5, 127, 128, 130] {
+            assert!(all(count).eq(0..count), "{count}");
+        }
+        let odd = ViewSet::ALL.only(|index| index % 2 == 1);
+        assert!(odd.of(&views[..6]).eq(&[1, 3, 5]));
+        assert!(odd.only(|index| index > 3).of(&views[..6]).eq(&[5]));
+    }
 }

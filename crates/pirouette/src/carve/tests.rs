@@ -410,10 +410,17 @@ proptest! {
         prop_assert_eq!(value, field.value(center, ViewSet::ALL));
         let (value, part) = (&field).near(center, radius, wide);
         prop_assert_eq!(value, field.value(center, ViewSet::ALL));
-        for offset in offsets {
-            let p = center + DVec3::from_array(offset).clamp_length_max(1.0) * radius;
+        let place = |offset| center + DVec3::from_array(offset).clamp_length_max(1.0) * radius;
+        let points: Vec<DVec3> = offsets.into_iter().map(place).collect();
+        let mut together = vec![0.0; points.len()];
+        (&field).values(&points, part, &mut together);
+        for (p, together) in points.into_iter().zip(together) {
             let (few, all) = (field.value(p, part), field.value(p, ViewSet::ALL));
             prop_assert_eq!(few, all, "{:?} at {} near {}", part, p, center);
+            prop_assert_eq!(together, all, "{:?} at {} near {}", part, p, center);
+            for views in [part, ViewSet::ALL] {
+                prop_assert_eq!((&field).is_inside(p, views), all < 0.0, "{:?} at {}", views, p);
+            }
         }
     }
 }
