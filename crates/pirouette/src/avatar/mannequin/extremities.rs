@@ -2,8 +2,9 @@
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
-use super::field::{Field, Region, Section, Shape, Tube};
+use super::field::{Field, Region};
 use super::frame::Frame;
+use super::primitives::{Section, Shape, Tube};
 use super::proportions::Proportions;
 use super::shape::Anatomy;
 

@@ -4,7 +4,8 @@ use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::field::{Field, Region, Relief, Section, Shape, Tube};
+use super::field::{Field, Region, Relief};
+use super::primitives::{Section, Shape, Tube};
 use super::shape::Anatomy;
 
 /// Share of the head's length before the ear holes

@@ -4,7 +4,8 @@ use std::f64::consts::TAU;
 
 use glam::DVec2;
 
-use super::field::{Curve, Field, Region, Section, Shape, Tube};
+use super::field::{Field, Region};
+use super::primitives::{Curve, Section, Shape, Tube};
 use super::shape::Anatomy;
 
 /// One row of the leg's table

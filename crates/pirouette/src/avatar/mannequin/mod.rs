@@ -13,6 +13,7 @@ mod frame;
 mod girth;
 mod head;
 mod limbs;
+mod primitives;
 mod proportions;
 mod shape;
 mod surface;

@@ -2,7 +2,8 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::field::{Curve, Field, Region, Relief, Section, Shape, Tube};
+use super::field::{Field, Region, Relief};
+use super::primitives::{Curve, Section, Shape, Tube};
 use super::shape::Anatomy;
 
 /// One row of a trunk table, in per mille: height, half breadth, front and back from the plumb line through the ankles
