@@ -8,7 +8,7 @@
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use pirouette::carve::{CarveOptions, carve, carve_beside_avatar};
+use pirouette::carve::{CarveOptions, carve_beside_avatar};
 use pirouette::fit::{FitOptions, FitPrior, FitView, fit_body};
 use pirouette::geom::arap::{ArapOptions, ArapSolver};
 use pirouette::geom::contour::{trace_contours, trace_outline};
@@ -18,10 +18,10 @@ use pirouette::measure::{MeasureInput, MeasureView, measure};
 use pirouette::normalize::refine::{RefineOptions, refine};
 use pirouette::normalize::register::{ReferenceContourMap, RegisterOptions, register};
 use pirouette::normalize::{NormalizeOptions, normalize};
-use pirouette::pose::Pose;
+use pirouette::outline_map::OutlineMap;
 use pirouette::scan::{StatureFrom, Subject};
 use pirouette::segment::{SegmentOptions, segment};
-use pirouette_bench::{Stages, find_skeleton};
+use pirouette_bench::{Stages, far_outlines, find_skeleton};
 
 fn photos_to_silhouettes(c: &mut Criterion) {
     let stages = Stages::new();
@@ -97,10 +97,11 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
     let stages = Stages::new();
     let (bundle, scan) = (&stages.bundle, &stages.synthetic.scan);
     let still = stages.still_silhouettes();
-    let views = stages.carve_views(&still);
+    c.bench_function("carve with surface", |b| b.iter(|| stages.carve(&still)));
+    let outlines = far_outlines(&still);
+    let views = stages.carve_views(&outlines);
     let options = CarveOptions::default();
-    c.bench_function("carve with surface", |b| b.iter(|| carve(&views, &options)));
-    c.bench_function("carve beside the figure", |b| {
+    c.bench_function("carve outlines beside the figure", |b| {
         b.iter(|| carve_beside_avatar(&views, &bundle.avatar, &options));
     });
 
@@ -125,11 +126,16 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
     c.bench_function("fit the body", |b| b.iter(fit));
 
     let fitted = fit();
+    let outlines: Vec<OutlineMap> = views
+        .iter()
+        .map(|view| OutlineMap::new(view.silhouette, OutlineMap::NEAR_PX))
+        .collect();
     let views: Vec<MeasureView> = views
         .iter()
+        .zip(&outlines)
         .zip(&fitted.poses)
-        .map(|(view, &pose): (_, &Pose)| MeasureView {
-            silhouette: view.silhouette,
+        .map(|((view, outline), &pose)| MeasureView {
+            outline,
             camera: view.camera,
             turn: view.turn,
             pose,

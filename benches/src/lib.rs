@@ -7,19 +7,21 @@ use pirouette::avatar::Avatar;
 use pirouette::avatar::mannequin::{MannequinParameters, Sex, mannequin};
 use pirouette::avatar::render::SilhouetteMesh;
 use pirouette::bundle::{Bundle, BundleOptions, BundleView, bundle};
-use pirouette::carve::CarveView;
+use pirouette::carve::{CarveError, CarveOptions, CarveView, carve};
 use pirouette::geom::contour::{Contour, trace_outline};
 use pirouette::geom::planar_mesh::{PlanarMesh, TriangulateOptions, simplify_apart, triangulate};
-use pirouette::geom::{Grid, Mask};
+use pirouette::geom::{Grid, Mask, TriMesh};
 use pirouette::normalize::deform::{Handles, handles, trace_silhouette};
 use pirouette::normalize::{
     ContourSource, NormalizeMethod, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView,
     normalize, shared_skeleton_joints,
 };
+use pirouette::outline_map::OutlineMap;
 use pirouette::pose::pose_bones;
 use pirouette::segment::{SegmentOptions, SegmentView, Silhouette, segment};
 use pirouette::skeleton::Joint;
 use pirouette::synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
+use rayon::prelude::*;
 
 /// Columns and rows of the photos that the stages are timed on
 pub const PHOTO_SIZE_PX: (usize, usize) = (800, 1000);
@@ -172,18 +174,27 @@ impl Stages {
     }
 
     /// What carving takes, by the true camera
-    pub fn carve_views<'a>(&self, silhouettes: &'a [Grid<f32>]) -> Vec<CarveView<'a>> {
+    pub fn carve_views<'a>(&self, outlines: &'a [OutlineMap]) -> Vec<CarveView<'a>> {
         let camera = self.synthetic.truth.camera;
         let views = self.synthetic.scan.views.iter();
-        silhouettes
+        outlines
             .iter()
             .zip(views)
-            .map(|(silhouette, view)| CarveView {
-                silhouette,
+            .map(|(outline, view)| CarveView {
+                outline,
                 camera,
                 turn: view.turn,
             })
             .collect()
+    }
+
+    /// Carves soft silhouettes of all views, from the making of their outline maps on
+    ///
+    /// # Errors
+    /// As [`carve`].
+    pub fn carve(&self, silhouettes: &[Grid<f32>]) -> Result<TriMesh, CarveError> {
+        let outlines = far_outlines(silhouettes);
+        carve(&self.carve_views(&outlines), &CarveOptions::default())
     }
 
     /// Evenly spaced points of the aligned outline of a view, as registration takes them
@@ -282,6 +293,14 @@ impl Default for Stages {
     fn default() -> Self {
         Self::new()
     }
+}
+
+/// Outline maps as carving takes them
+pub fn far_outlines(silhouettes: &[Grid<f32>]) -> Vec<OutlineMap> {
+    let silhouettes = silhouettes.par_iter();
+    silhouettes
+        .map(|silhouette| OutlineMap::new(silhouette, OutlineMap::FAR_PX))
+        .collect()
 }
 
 /// The skeleton of all views

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use glam::DVec2;
-use pirouette::carve::{CarveOptions, carve};
+use pirouette::carve::CarveOptions;
 use pirouette::geom::arap::{ArapOptions, ArapSolver, ArapStart, ArapWeights};
 use pirouette::geom::contour::trace_contours;
 use pirouette::geom::distance_map::{distance_to, signed_distance};
@@ -174,8 +174,7 @@ fn time(stages: &Stages, folder: &Path) -> Result<Map<String, Value>, Failure> {
     times.insert("register_slowest_view".into(), json!(slowest));
 
     let still = stages.still_silhouettes();
-    let views = stages.carve_views(&still);
-    let (ms, hull) = best_ms(3, || carve(&views, &CarveOptions::default()));
+    let (ms, hull) = best_ms(3, || stages.carve(&still));
     times.insert("carve".into(), json!(ms));
     let hull = hull?;
     for (view, mask) in stages.synthetic.truth.canonical.iter().enumerate() {
@@ -184,7 +183,8 @@ fn time(stages: &Stages, folder: &Path) -> Result<Map<String, Value>, Failure> {
     }
     let camera = stages.synthetic.truth.camera;
     let (low, high) = hull.bounds().ok_or("the hull is empty")?;
-    let turns = views.iter().map(|view| view.turn.radians());
+    let views = stages.synthetic.scan.views.iter();
+    let turns = views.map(|view| view.turn.radians());
     inputs.insert(
         "carve".into(),
         json!({

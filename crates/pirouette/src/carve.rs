@@ -7,29 +7,27 @@
 //! The surface is extracted where the largest signed distance to the silhouettes' outlines, in mm at the
 //! depth of the point, is zero; outlines count with their fractions of a pixel.
 
-mod outline_map;
 mod phantom;
 mod projected_view;
 
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use pirouette_geom::TriMesh;
 use pirouette_geom::isosurface::{Field, SurfaceError, SurfaceOptions, extract_surface};
-use pirouette_geom::{Grid, TriMesh};
-use rayon::prelude::*;
 
 use crate::avatar::Avatar;
 use crate::camera::Camera;
+use crate::outline_map::OutlineMap;
 use crate::units::TurnAngle;
-pub(crate) use outline_map::OutlineMap;
 use phantom::PhantomField;
 use projected_view::{ProjectedView, ViewSet, nan_max};
 
 /// One silhouette and how it was seen
 #[derive(Debug, Clone, Copy)]
 pub struct CarveView<'a> {
-    /// Coverage of each pixel by the person, 0 to 1; the outline is where it is one half
-    pub silhouette: &'a Grid<f32>,
+    /// Distances to the outline of its soft coverage, of reach [`OutlineMap::FAR_PX`]
+    pub outline: &'a OutlineMap,
     /// The camera; its size in pixels is that of the silhouette
     pub camera: Camera,
     /// How far the person has turned
@@ -177,7 +175,8 @@ pub fn carve_beside_avatar(
     options: &CarveOptions,
 ) -> Result<TriMesh, CarveError> {
     let hull = HullField::new(views, options.misses_to_remove)?;
-    let phantoms = PhantomField::new(views, avatar)?;
+    let avatars = phantom::outlines(views, avatar);
+    let phantoms = PhantomField::new(views, &avatars, avatar)?;
     let field = WithoutPhantoms {
         hull: &hull,
         phantoms: &phantoms,
@@ -187,8 +186,8 @@ pub fn carve_beside_avatar(
 
 /// A hull less what the avatar's own hull shows to be phantoms
 struct WithoutPhantoms<'a> {
-    hull: &'a HullField,
-    phantoms: &'a PhantomField,
+    hull: &'a HullField<'a>,
+    phantoms: &'a PhantomField<'a>,
 }
 
 impl WithoutPhantoms<'_> {
@@ -249,8 +248,8 @@ fn extract(
 }
 
 /// Signed distance to the hull: never more than the true distance by much, zero on its surface
-struct HullField {
-    views: Vec<ProjectedView>,
+struct HullField<'a> {
+    views: Vec<ProjectedView<'a>>,
     misses_to_remove: usize,
     /// Whether a silhouette is cut off by the border of its photo
     any_cut: bool,
@@ -260,15 +259,12 @@ struct HullField {
     lipschitz: f64,
 }
 
-impl HullField {
-    fn new(views: &[CarveView], misses_to_remove: usize) -> Result<Self, CarveError> {
+impl<'a> HullField<'a> {
+    fn new(views: &[CarveView<'a>], misses_to_remove: usize) -> Result<Self, CarveError> {
         for (index, view) in views.iter().enumerate() {
             check_view(index, view)?;
         }
-        let used: Vec<(&CarveView, OutlineMap)> = views
-            .par_iter()
-            .filter_map(|view| Some((view, OutlineMap::new(view.silhouette, OutlineMap::FAR_PX)?)))
-            .collect();
+        let used: Vec<&CarveView> = views.iter().filter(|v| !v.outline.is_empty()).collect();
         let usable = used.len();
         if usable < 2 {
             return Err(CarveError::TooFewViews {
@@ -276,7 +272,7 @@ impl HullField {
                 given: views.len(),
             });
         }
-        let spread_degrees = direction_spread(used.iter().map(|(v, _)| v.turn)).to_degrees();
+        let spread_degrees = direction_spread(used.iter().map(|view| view.turn)).to_degrees();
         if spread_degrees < MIN_SPREAD_DEGREES {
             return Err(CarveError::OneDirection {
                 spread_degrees,
@@ -290,18 +286,15 @@ impl HullField {
             });
         }
         let (mut nearest, mut lipschitz) = (f64::INFINITY, 1.0f64);
-        for (view, _) in &used {
+        for view in &used {
             nearest = nearest.min(view.camera.distance_mm);
             lipschitz = lipschitz.max(slope_bound(&view.camera));
         }
         Ok(Self {
-            any_cut: used.iter().any(|(_, map)| map.cut),
+            any_cut: used.iter().any(|view| view.outline.is_cut()),
             radius_mm: MAX_RADIUS_PART * nearest,
             lipschitz,
-            views: used
-                .into_iter()
-                .map(|(view, map)| ProjectedView::new(view, map))
-                .collect(),
+            views: used.into_iter().map(ProjectedView::new).collect(),
             misses_to_remove,
         })
     }
@@ -333,7 +326,7 @@ impl HullField {
 }
 
 /// Signed distance at a world point, in mm; negative inside the hull, NaN where a camera cannot tell
-impl Field for &HullField {
+impl Field for &HullField<'_> {
     /// The views that can be the one that removes the most
     type Part = ViewSet;
 
@@ -409,7 +402,7 @@ impl Field for &HullField {
 
 fn check_view(view: usize, given: &CarveView) -> Result<(), CarveError> {
     let CarveView {
-        silhouette,
+        outline,
         camera,
         turn,
     } = given;
@@ -428,11 +421,12 @@ fn check_view(view: usize, given: &CarveView) -> Result<(), CarveError> {
             camera: *camera,
         });
     }
-    if (silhouette.width(), silhouette.height()) != (camera.width_px, camera.height_px) {
+    let (width, height) = outline.size_px();
+    if (width, height) != (camera.width_px, camera.height_px) {
         return Err(CarveError::Size {
             view,
-            width: silhouette.width(),
-            height: silhouette.height(),
+            width,
+            height,
             camera_width: camera.width_px,
             camera_height: camera.height_px,
         });

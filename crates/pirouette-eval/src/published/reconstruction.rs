@@ -5,12 +5,13 @@ use pirouette::avatar::render::SilhouetteMesh;
 use pirouette::avatar::render::silhouette;
 use pirouette::bundle::Bundle;
 use pirouette::carve::{CarveOptions, CarveView, carve};
-use pirouette::geom::{Grid, TriMesh};
+use pirouette::geom::TriMesh;
 use pirouette::measure::{Measure, measure_figure};
 use pirouette::normalize::{
     NormalizeMethod, NormalizeOptions, NormalizeView, ReferenceView, RefineOptions,
     RegisterOptions, normalize, shared_skeleton_joints,
 };
+use pirouette::outline_map::OutlineMap;
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, Report, run as run_job};
 use pirouette::pose::{Pose, pose_bones};
 use pirouette::synthetic::SyntheticScan;
@@ -234,13 +235,13 @@ fn hull(case: Case, scan: &SyntheticScan, report: &Report) -> Option<TriMesh> {
     let bundle = report.bundle.as_ref()?;
     let reference = reference_of(case, report, bundle);
     let mesh = SilhouetteMesh::new(&reference.mesh.triangles);
-    let silhouettes: Vec<(usize, Grid<f32>)> = report
+    let outlines: Vec<(usize, OutlineMap)> = report
         .views
         .iter()
         .filter_map(|view| {
             let soft = &view.silhouette.soft;
             let Some(options) = case.options() else {
-                return Some((view.index, soft.clone()));
+                return Some((view.index, OutlineMap::new(soft, OutlineMap::FAR_PX)));
             };
             let (turn, camera) = (bundle.turns[view.index], &bundle.cameras[view.index]);
             let pose = &bundle.poses[view.index];
@@ -261,14 +262,15 @@ fn hull(case: Case, scan: &SyntheticScan, report: &Report) -> Option<TriMesh> {
                 },
                 &options,
             );
-            Some((view.index, normalized.ok()?.soft()))
+            let soft = normalized.ok()?.soft();
+            Some((view.index, OutlineMap::new(&soft, OutlineMap::FAR_PX)))
         })
         .collect();
-    debug_assert!(silhouettes.len() <= scan.scan.views.len());
-    let views: Vec<CarveView> = silhouettes
+    debug_assert!(outlines.len() <= scan.scan.views.len());
+    let views: Vec<CarveView> = outlines
         .iter()
-        .map(|(index, soft)| CarveView {
-            silhouette: soft,
+        .map(|(index, outline)| CarveView {
+            outline,
             camera: bundle.cameras[*index],
             turn: bundle.turns[*index],
         })

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::{CarveError, CarveView, HullField, ViewSet};
 use crate::avatar::{Avatar, render::SilhouetteMesh};
+use crate::outline_map::OutlineMap;
 
 /// Only what is farther than this from the avatar's surface can be a phantom, in mm
 ///
@@ -26,34 +27,38 @@ const BUCKET_MM: f64 = 40.0;
 const SEARCH_RINGS: usize = 6;
 
 /// Where an avatar's hull is much larger than the avatar
-pub(super) struct PhantomField {
-    pub(super) hull: HullField,
+pub(super) struct PhantomField<'a> {
+    pub(super) hull: HullField<'a>,
     surface: NearestVertex,
 }
 
-impl PhantomField {
-    /// The avatar's hull as seen by the cameras of `views`, at their turns
-    pub(super) fn new(views: &[CarveView], avatar: &Avatar) -> Result<Self, CarveError> {
-        let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
-        let silhouettes: Vec<_> = views
-            .par_iter()
-            .map(|view| {
-                let room_from_world = view.turn.room_from_world();
-                let positions: Vec<DVec3> = avatar
-                    .mesh
-                    .positions
-                    .iter()
-                    .map(|&p| room_from_world * p)
-                    .collect();
-                mesh.silhouette(&positions, &view.camera)
-            })
-            .collect();
+/// The avatar's outlines as the cameras of `views` see it, at their turns
+pub(super) fn outlines(views: &[CarveView], avatar: &Avatar) -> Vec<OutlineMap> {
+    let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
+    let outline = |view: &CarveView| {
+        let room_from_world = view.turn.room_from_world();
+        let positions = avatar.mesh.positions.iter();
+        let positions: Vec<DVec3> = positions.map(|&p| room_from_world * p).collect();
+        let silhouette = mesh.silhouette(&positions, &view.camera);
+        OutlineMap::new(&silhouette, OutlineMap::FAR_PX)
+    };
+    views.par_iter().map(outline).collect()
+}
+
+impl<'a> PhantomField<'a> {
+    /// Of the avatar's `outlines`, seen as `views` are
+    pub(super) fn new(
+        views: &[CarveView],
+        outlines: &'a [OutlineMap],
+        avatar: &Avatar,
+    ) -> Result<Self, CarveError> {
         let seen: Vec<CarveView> = views
             .iter()
-            .zip(&silhouettes)
-            .map(|(view, silhouette)| CarveView {
-                silhouette,
-                ..*view
+            .zip(outlines)
+            .map(|(view, outline)| CarveView {
+                outline,
+                camera: view.camera,
+                turn: view.turn,
             })
             .collect();
         Ok(Self {
@@ -166,12 +171,11 @@ mod tests {
     use crate::avatar::mannequin::{MannequinParameters, mannequin};
     use crate::avatar::render;
     use crate::synthetic::SyntheticOptions;
-    use pirouette_geom::Grid;
 
-    /// Silhouettes of a figure that stands still
+    /// Outlines of a figure that stands still
     fn photographed(
         avatar: &Avatar,
-    ) -> Vec<(Grid<f32>, crate::camera::Camera, crate::units::TurnAngle)> {
+    ) -> Vec<(OutlineMap, crate::camera::Camera, crate::units::TurnAngle)> {
         let camera = SyntheticOptions::camera_for(avatar.stature_mm(), 160, 200);
         SyntheticOptions::even_turns(8)
             .into_iter()
@@ -184,7 +188,7 @@ mod tests {
                     .map(|&p| room_from_world * p)
                     .collect();
                 let seen = render::silhouette(&positions, &avatar.mesh.triangles, &camera);
-                (seen, camera, turn)
+                (OutlineMap::new(&seen, OutlineMap::FAR_PX), camera, turn)
             })
             .collect()
     }
@@ -209,8 +213,8 @@ mod tests {
             let photographed = photographed(person);
             let views: Vec<CarveView> = photographed
                 .iter()
-                .map(|(silhouette, camera, turn)| CarveView {
-                    silhouette,
+                .map(|(outline, camera, turn)| CarveView {
+                    outline,
                     camera: *camera,
                     turn: *turn,
                 })

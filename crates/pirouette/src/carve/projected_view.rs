@@ -2,11 +2,12 @@
 
 use glam::DVec3;
 
-use super::{CarveView, OutlineMap};
+use super::CarveView;
+use crate::outline_map::OutlineMap;
 
 /// A silhouette's outline map and the projection onto it
-pub(super) struct ProjectedView {
-    pub(super) map: OutlineMap,
+pub(super) struct ProjectedView<'a> {
+    map: &'a OutlineMap,
     /// View frame (x right, y down, z forward, mm) of the world origin
     origin: DVec3,
     /// View frame of the world's axes
@@ -17,12 +18,12 @@ pub(super) struct ProjectedView {
     center: [f64; 2],
 }
 
-impl ProjectedView {
-    pub(super) fn new(view: &CarveView, map: OutlineMap) -> Self {
+impl<'a> ProjectedView<'a> {
+    pub(super) fn new(view: &CarveView<'a>) -> Self {
         let room_from_world = view.turn.room_from_world();
         let origin = view.camera.view_from_room(DVec3::ZERO);
         Self {
-            map,
+            map: view.outline,
             origin,
             axes: DVec3::AXES
                 .map(|axis| view.camera.view_from_room(room_from_world * axis) - origin),

@@ -1,5 +1,6 @@
 use super::*;
 use glam::DVec2;
+use pirouette_geom::Grid;
 use pirouette_geom::coverage::fill_polygons;
 use proptest::prelude::*;
 
@@ -86,16 +87,24 @@ fn render(parts: &[Ellipsoid], camera: &Camera, turns: &[TurnAngle]) -> Vec<Grid
         .collect()
 }
 
+fn outline(silhouette: &Grid<f32>) -> OutlineMap {
+    OutlineMap::new(silhouette, OutlineMap::FAR_PX)
+}
+
+fn outlines(silhouettes: &[Grid<f32>]) -> Vec<OutlineMap> {
+    silhouettes.iter().map(outline).collect()
+}
+
 fn views<'a>(
-    silhouettes: &'a [Grid<f32>],
+    outlines: &'a [OutlineMap],
     camera: Camera,
     turns: &[TurnAngle],
 ) -> Vec<CarveView<'a>> {
-    silhouettes
+    outlines
         .iter()
         .zip(turns)
-        .map(|(silhouette, &turn)| CarveView {
-            silhouette,
+        .map(|(outline, &turn)| CarveView {
+            outline,
             camera,
             turn,
         })
@@ -117,7 +126,7 @@ fn four_views_of_a_sphere_give_a_closed_manifold_hull() {
     };
     let turns = turns(4);
     let silhouettes = render(&[ball], &camera(), &turns);
-    let hull = carve(&views(&silhouettes, camera(), &turns), &coarse()).expect("a hull");
+    let hull = carve(&views(&outlines(&silhouettes), camera(), &turns), &coarse()).expect("a hull");
     assert_eq!(hull.check(), Ok(()));
     // Two crossed cylinders hold 16/3 r^3: 1.27 times the ball.
     let ratio = hull.volume() / ball.volume();
@@ -132,6 +141,7 @@ fn the_hull_lies_on_the_outlines_to_a_fraction_of_a_pixel() {
     };
     let turns = turns(5);
     let silhouettes = render(&[ball], &camera(), &turns);
+    let silhouettes = outlines(&silhouettes);
     let views = views(&silhouettes, camera(), &turns);
     let hull = carve(&views, &coarse()).expect("a hull");
     let outlines: Vec<Vec<DVec2>> = turns.iter().map(|&t| ball.outline(&camera(), t)).collect();
@@ -156,7 +166,8 @@ fn the_hull_lies_on_the_outlines_to_a_fraction_of_a_pixel() {
 fn the_hull_contains_the_body() {
     let turns = turns(7);
     let silhouettes = render(&body(), &camera(), &turns);
-    let field = HullField::new(&views(&silhouettes, camera(), &turns), 1).expect("a field");
+    let seen = outlines(&silhouettes);
+    let field = HullField::new(&views(&seen, camera(), &turns), 1).expect("a field");
     for part in body() {
         for p in part.surface_points().filter(|p| p.y > 0.0) {
             // A fifth of a pixel
@@ -170,6 +181,7 @@ fn the_hull_contains_the_body() {
 fn one_more_view_never_grows_the_hull() {
     let turns = turns(7);
     let silhouettes = render(&body(), &camera(), &turns);
+    let silhouettes = outlines(&silhouettes);
     let views = views(&silhouettes, camera(), &turns);
     let mut last: Option<(HullField, f64)> = None;
     for count in 2..=7 {
@@ -190,10 +202,12 @@ fn one_more_view_never_grows_the_hull() {
 fn forgiving_one_miss_keeps_what_a_bad_mask_would_remove() {
     let turns = turns(7);
     let mut silhouettes = render(&body(), &camera(), &turns);
-    let strict = carve(&views(&silhouettes, camera(), &turns), &coarse()).expect("a hull");
+    let strict =
+        carve(&views(&outlines(&silhouettes), camera(), &turns), &coarse()).expect("a hull");
     for y in 150..250 {
         silhouettes[3].row_mut(y).fill(0.0);
     }
+    let silhouettes = outlines(&silhouettes);
     let bad = views(&silhouettes, camera(), &turns);
     let cut = carve(&bad, &coarse()).expect("a hull");
     let forgiving = CarveOptions {
@@ -210,7 +224,7 @@ fn forgiving_one_miss_keeps_what_a_bad_mask_would_remove() {
 fn the_hull_stands_on_the_floor() {
     let turns = turns(6);
     let silhouettes = render(&body(), &camera(), &turns);
-    let hull = carve(&views(&silhouettes, camera(), &turns), &coarse()).expect("a hull");
+    let hull = carve(&views(&outlines(&silhouettes), camera(), &turns), &coarse()).expect("a hull");
     let (lo, _) = hull.bounds().expect("there are vertices");
     // The trunk reaches below the floor; its hull is cut off there.
     let sunk = Ellipsoid {
@@ -218,7 +232,7 @@ fn the_hull_stands_on_the_floor() {
         radii: DVec3::new(150.0, 600.0, 150.0),
     };
     let silhouettes = render(&[sunk], &camera(), &turns);
-    let cut = carve(&views(&silhouettes, camera(), &turns), &coarse()).expect("a hull");
+    let cut = carve(&views(&outlines(&silhouettes), camera(), &turns), &coarse()).expect("a hull");
     let (cut_lo, _) = cut.bounds().expect("there are vertices");
     assert!(lo.y > 20.0);
     assert!(cut_lo.y.abs() < 1e-9, "{}", cut_lo.y);
@@ -229,16 +243,17 @@ fn the_hull_stands_on_the_floor() {
 fn a_border_that_cuts_the_silhouette_does_not_carve() {
     let turns = turns(6);
     let whole = render(&body(), &camera(), &turns);
-    let expected = carve(&views(&whole, camera(), &turns), &coarse()).expect("a hull");
+    let expected = carve(&views(&outlines(&whole), camera(), &turns), &coarse()).expect("a hull");
     // The same camera with a narrower sensor in one view: the arm leaves the photo.
     let narrow = Camera {
         width_px: 110,
         ..camera()
     };
-    let cropped = whole[0].crop(95, 0, 110, 400);
+    let cropped = outline(&whole[0].crop(95, 0, 110, 400));
+    let whole = outlines(&whole);
     let mut all = views(&whole, camera(), &turns);
     all[0] = CarveView {
-        silhouette: &cropped,
+        outline: &cropped,
         camera: narrow,
         turn: turns[0],
     };
@@ -262,7 +277,7 @@ fn what_no_photo_shows_is_not_part_of_the_hull() {
         .iter()
         .map(|s| s.crop(0, 75, 300, 250))
         .collect();
-    let hull = carve(&views(&cropped, low, &turns), &coarse()).expect("a hull");
+    let hull = carve(&views(&outlines(&cropped), low, &turns), &coarse()).expect("a hull");
     let (_, hi) = hull.bounds().expect("there are vertices");
     assert!((1100.0..1600.0).contains(&hi.y), "{}", hi.y);
     assert_eq!(hull.check(), Ok(()));
@@ -272,6 +287,7 @@ fn what_no_photo_shows_is_not_part_of_the_hull() {
 fn senseless_input_is_named() {
     let turns = turns(4);
     let silhouettes = render(&body(), &camera(), &turns);
+    let silhouettes = outlines(&silhouettes);
     let sound = views(&silhouettes, camera(), &turns);
     let error = |views: &[CarveView], options: &CarveOptions| {
         carve(views, options).expect_err("the input makes no sense")
@@ -281,9 +297,9 @@ fn senseless_input_is_named() {
         error(&[], &coarse()),
         CarveError::TooFewViews { .. }
     ));
-    let blank = Grid::filled(300, 400, f32::NAN);
+    let blank = outline(&Grid::filled(300, 400, f32::NAN));
     let mut views = sound[..2].to_vec();
-    views[1].silhouette = &blank;
+    views[1].outline = &blank;
     let few = error(&views, &coarse());
     assert_eq!(
         few.to_string(),
@@ -337,17 +353,17 @@ fn senseless_input_is_named() {
         center: DVec3::new(350.0, 900.0, 0.0),
         radii: DVec3::splat(60.0),
     };
-    let one = render(&[aside], &camera(), &turns[..1]);
+    let one = outlines(&render(&[aside], &camera(), &turns[..1]));
     let mut views = sound;
     for view in &mut views {
-        view.silhouette = &one[0];
+        view.outline = &one[0];
     }
     assert_eq!(error(&views, &coarse()), CarveError::Empty);
 }
 
 #[test]
 fn tiny_photos_do_no_harm() {
-    let full = Grid::filled(1, 1, 1.0);
+    let full = outline(&Grid::filled(1, 1, 1.0));
     let tiny = Camera {
         width_px: 1,
         height_px: 1,
@@ -357,7 +373,7 @@ fn tiny_photos_do_no_harm() {
     let views: Vec<CarveView> = turns
         .iter()
         .map(|&turn| CarveView {
-            silhouette: &full,
+            outline: &full,
             camera: tiny,
             turn,
         })
@@ -378,12 +394,13 @@ proptest! {
     fn turning_all_angles_turns_the_hull(by in -3.0..3.0f64, x in -200.0..200.0f64, z in -200.0..200.0f64) {
         let turns: Vec<TurnAngle> = turns(5);
         let silhouettes = render(&body(), &camera(), &turns);
+        let seen = outlines(&silhouettes);
         let turned: Vec<TurnAngle> = turns
             .iter()
             .map(|t| TurnAngle::from_radians(t.radians() + by))
             .collect();
-        let field = HullField::new(&views(&silhouettes, camera(), &turns), 1).expect("a field");
-        let other = HullField::new(&views(&silhouettes, camera(), &turned), 1).expect("a field");
+        let field = HullField::new(&views(&seen, camera(), &turns), 1).expect("a field");
+        let other = HullField::new(&views(&seen, camera(), &turned), 1).expect("a field");
         let p = DVec3::new(x, 800.0, z);
         let carried = TurnAngle::from_radians(-by).room_from_world() * p;
         prop_assert!((field.value(p, ViewSet::ALL) - other.value(carried, ViewSet::ALL)).abs() < 1e-6);
@@ -404,7 +421,8 @@ proptest! {
         };
         let turns = turns(7);
         let silhouettes = render(&body(), &camera, &turns);
-        let field = HullField::new(&views(&silhouettes, camera, &turns), 1).expect("a field");
+        let seen = outlines(&silhouettes);
+        let field = HullField::new(&views(&seen, camera, &turns), 1).expect("a field");
         let center = DVec3::new(0.0, 900.0, 0.0) + DVec3::from_array(center) * DVec3::new(400.0, 2000.0, 400.0);
         let (value, wide) = (&field).near(center, 2.0 * radius, ViewSet::ALL);
         prop_assert_eq!(value, field.value(center, ViewSet::ALL));

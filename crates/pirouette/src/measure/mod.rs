@@ -16,12 +16,13 @@ mod tape;
 mod value;
 
 use glam::DVec3;
-use pirouette_geom::{Grid, TriMesh};
+use pirouette_geom::TriMesh;
 use rayon::prelude::*;
 
 use crate::avatar::Avatar;
 use crate::avatar::render::SilhouetteMesh;
 use crate::camera::Camera;
+use crate::outline_map::OutlineMap;
 use crate::pose::{Pose, pose_bones};
 use crate::scan::{StatureFrom, Subject};
 use crate::units::TurnAngle;
@@ -35,8 +36,8 @@ pub use value::{Estimate, Measured, Measurements, Method, Unavailable};
 /// A silhouette of the person
 #[derive(Debug, Clone, Copy)]
 pub struct MeasureView<'a> {
-    /// Soft silhouette, 1 inside
-    pub silhouette: &'a Grid<f32>,
+    /// Distances to the outline of its soft coverage, of any reach
+    pub outline: &'a OutlineMap,
     /// The camera that saw it
     pub camera: Camera,
     /// How far the person had turned
@@ -80,8 +81,8 @@ pub fn measure(input: &MeasureInput) -> Measurements {
     let avatar = input.avatar;
     let see_views = || -> Vec<SeenView> {
         let edges = SilhouetteMesh::new(&avatar.mesh.triangles);
-        let views = input.views.par_iter();
-        views.filter_map(|view| see(avatar, &edges, view)).collect()
+        let views = input.views.par_iter().filter(|v| !v.outline.is_empty());
+        views.map(|view| see(avatar, &edges, view)).collect()
     };
     let (views, figure) = rayon::join(see_views, || Figure::new(avatar));
     let scale_sd = lengths::scale_sd(input);
@@ -107,12 +108,12 @@ pub fn measure(input: &MeasureInput) -> Measurements {
     }
 }
 
-/// A view with the figure as it should show it; `None` for an empty silhouette
-fn see(avatar: &Avatar, edges: &SilhouetteMesh, view: &MeasureView) -> Option<SeenView> {
+/// A view with the figure as it should show it
+fn see<'a>(avatar: &Avatar, edges: &SilhouetteMesh, view: &MeasureView<'a>) -> SeenView<'a> {
     let posed = pose_bones(&avatar.bone_heads, &view.pose, view.turn);
     let positions: Vec<DVec3> = posed.skin(&avatar.mesh.positions, &avatar.weights);
     let expected = edges.silhouette(&positions, &view.camera);
-    SeenView::new(view.silhouette, view.camera, posed, &expected)
+    SeenView::new(view.outline, view.camera, posed, &expected)
 }
 
 #[cfg(test)]

@@ -14,12 +14,12 @@ use pirouette_geom::{Grid, distance_map::bilinear};
 
 use super::tape::Tape;
 use crate::camera::Camera;
-use crate::carve::OutlineMap;
+use crate::outline_map::OutlineMap;
 use crate::pose::PosedBones;
 
 /// A view as tapes see it
-pub(super) struct SeenView {
-    outline: OutlineMap,
+pub(super) struct SeenView<'a> {
+    outline: &'a OutlineMap,
     /// Coverage of the photo by the figure, and where its first pixel lies: tells which outline belongs to which part
     expected: Grid<f32>,
     corner: DVec2,
@@ -28,22 +28,22 @@ pub(super) struct SeenView {
     posed: PosedBones,
 }
 
-impl SeenView {
-    /// `None` for an empty silhouette; `expected` is the figure's coverage of the same photo
+impl<'a> SeenView<'a> {
+    /// `expected` is the figure's coverage of the same photo
     pub(super) fn new(
-        silhouette: &Grid<f32>,
+        outline: &'a OutlineMap,
         camera: Camera,
         posed: PosedBones,
         expected: &Grid<f32>,
-    ) -> Option<Self> {
+    ) -> Self {
         let (expected, corner) = framed(expected);
-        Some(Self {
-            outline: OutlineMap::new(silhouette, OutlineMap::NEAR_PX)?,
+        Self {
+            outline,
             expected,
             corner,
             camera,
             posed,
-        })
+        }
     }
 
     /// Direction of the line of sight seen from above, in radians from 0 to pi; opposite views have the same
@@ -78,7 +78,7 @@ fn framed(picture: &Grid<f32>) -> (Grid<f32>, DVec2) {
 
 /// One tape in one view; points of the reference pose go with the flesh below the tape
 struct Sight<'a> {
-    view: &'a SeenView,
+    view: &'a SeenView<'a>,
     room_from_tape: DAffine3,
     tape_from_room: DAffine3,
 }

@@ -148,16 +148,24 @@ fn even(count: usize) -> Vec<f64> {
         .collect()
 }
 
-fn seen(avatar: &Avatar, silhouettes: &[Grid<f32>], turns: &[f64]) -> Vec<SeenView> {
-    let views = silhouettes.iter().zip(turns);
+fn outline(silhouette: &Grid<f32>) -> OutlineMap {
+    OutlineMap::new(silhouette, OutlineMap::NEAR_PX)
+}
+
+fn outlines(silhouettes: &[Grid<f32>]) -> Vec<OutlineMap> {
+    silhouettes.iter().map(outline).collect()
+}
+
+fn seen<'a>(avatar: &Avatar, outlines: &'a [OutlineMap], turns: &[f64]) -> Vec<SeenView<'a>> {
+    let views = outlines.iter().zip(turns);
     views
-        .filter_map(|(silhouette, &degrees)| {
+        .map(|(outline, &degrees)| {
             let turn = TurnAngle::from_degrees(degrees);
             see(
                 avatar,
                 &SilhouetteMesh::new(&avatar.mesh.triangles),
                 &MeasureView {
-                    silhouette,
+                    outline,
                     camera: camera(),
                     turn,
                     pose: Pose::default(),
@@ -169,7 +177,8 @@ fn seen(avatar: &Avatar, silhouettes: &[Grid<f32>], turns: &[f64]) -> Vec<SeenVi
 
 /// The girth of the first part by lines alone
 fn around(avatar: &Avatar, axis: DVec3, silhouettes: &[Grid<f32>], turns: &[f64]) -> f64 {
-    let views = seen(avatar, silhouettes, turns);
+    let outlines = outlines(silhouettes);
+    let views = seen(avatar, &outlines, turns);
     let tape = tape(avatar, axis);
     let fitted = fit_girth(&tape, &find_lines(&tape, &views), views.len());
     fitted.expect("the outlines are free").girth_mm
@@ -301,22 +310,28 @@ fn a_tape_goes_with_the_pose_of_each_view() {
             pose
         })
         .collect();
+    let outlines: Vec<OutlineMap> = poses
+        .iter()
+        .zip(EIGHT)
+        .map(|(pose, degrees)| {
+            let posed = pose_bones(&avatar.bone_heads, pose, TurnAngle::from_degrees(degrees));
+            let weights = vec![SkinWeight::rigid(Bone::Root); mesh.positions.len()];
+            let positions = posed.skin(&mesh.positions, &weights);
+            outline(&render::silhouette(&positions, &mesh.triangles, &camera()))
+        })
+        .collect();
     let views: Vec<SeenView> = poses
         .iter()
         .zip(EIGHT)
-        .filter_map(|(&pose, degrees)| {
-            let turn = TurnAngle::from_degrees(degrees);
-            let posed = pose_bones(&avatar.bone_heads, &pose, turn);
-            let weights = vec![SkinWeight::rigid(Bone::Root); mesh.positions.len()];
-            let positions = posed.skin(&mesh.positions, &weights);
-            let silhouette = render::silhouette(&positions, &mesh.triangles, &camera());
+        .zip(&outlines)
+        .map(|((&pose, degrees), outline)| {
             see(
                 &avatar,
                 &SilhouetteMesh::new(&avatar.mesh.triangles),
                 &MeasureView {
-                    silhouette: &silhouette,
+                    outline,
                     camera: camera(),
-                    turn,
+                    turn: TurnAngle::from_degrees(degrees),
                     pose,
                 },
             )
@@ -391,23 +406,27 @@ fn without_views_the_body_alone_speaks() {
 #[test]
 fn outlines_and_body_are_combined_and_a_contradiction_is_told() {
     let avatar = woman(1640.0);
-    let silhouettes = |avatar: &Avatar| -> Vec<Grid<f32>> {
+    let seen = |avatar: &Avatar| -> Vec<OutlineMap> {
         EIGHT
             .iter()
             .map(|&degrees| {
                 let turn = TurnAngle::from_degrees(degrees).room_from_world();
                 let positions: Vec<DVec3> =
                     avatar.mesh.positions.iter().map(|&p| turn * p).collect();
-                render::silhouette(&positions, &avatar.mesh.triangles, &camera())
+                outline(&render::silhouette(
+                    &positions,
+                    &avatar.mesh.triangles,
+                    &camera(),
+                ))
             })
             .collect()
     };
-    let views = |silhouettes: &[Grid<f32>]| {
-        let views = silhouettes.iter().zip(EIGHT);
+    let views = |outlines: &[OutlineMap]| {
+        let views = outlines.iter().zip(EIGHT);
         let all: Vec<Measured> = {
             let views: Vec<MeasureView> = views
-                .map(|(silhouette, degrees)| MeasureView {
-                    silhouette,
+                .map(|(outline, degrees)| MeasureView {
+                    outline,
                     camera: camera(),
                     turn: TurnAngle::from_degrees(degrees),
                     pose: Pose::default(),
@@ -420,7 +439,7 @@ fn outlines_and_body_are_combined_and_a_contradiction_is_told() {
         };
         all
     };
-    let own = silhouettes(&avatar);
+    let own = seen(&avatar);
     for same in views(&own) {
         assert_eq!(same.method, Method::Combined);
         assert!(!same.contradicted);
@@ -438,7 +457,7 @@ fn outlines_and_body_are_combined_and_a_contradiction_is_told() {
     for p in &mut stouter.mesh.positions {
         (p.x, p.z) = (1.15 * p.x, 1.15 * p.z);
     }
-    let other = views(&silhouettes(&stouter));
+    let other = views(&seen(&stouter));
     assert!(other.iter().all(|m| m.contradicted), "{other:?}");
 }
 
@@ -465,15 +484,16 @@ fn a_larger_scene_has_larger_measures() {
         distance_mm: 2.0 * camera().distance_mm,
         ..camera()
     };
-    let views: Vec<SeenView> = silhouettes
+    let outlines = outlines(&silhouettes);
+    let views: Vec<SeenView> = outlines
         .iter()
         .zip(EIGHT)
-        .filter_map(|(silhouette, degrees)| {
+        .map(|(outline, degrees)| {
             see(
                 &double,
                 &SilhouetteMesh::new(&double.mesh.triangles),
                 &MeasureView {
-                    silhouette,
+                    outline,
                     camera: far,
                     turn: TurnAngle::from_degrees(degrees),
                     pose: Pose::default(),
@@ -491,9 +511,9 @@ fn a_larger_scene_has_larger_measures() {
 fn what_cannot_be_had_is_null_with_the_reason() {
     let mut avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
     avatar.mesh.positions[0] = DVec3::NAN;
-    let blank = Grid::filled(600, 800, 0.0);
+    let blank = outline(&Grid::filled(600, 800, 0.0));
     let view = MeasureView {
-        silhouette: &blank,
+        outline: &blank,
         camera: camera(),
         turn: TurnAngle::default(),
         pose: Pose::default(),

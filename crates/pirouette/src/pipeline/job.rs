@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use pirouette_geom::{Grid, Mask, TriMesh};
+use pirouette_geom::{Mask, TriMesh};
 use rayon::prelude::*;
 
 use crate::avatar::gltf::load_avatar;
@@ -15,8 +15,11 @@ use crate::color::{ColorOptions, ColorView, SurfaceColors, color_surface};
 use crate::fit::{CameraSpread, Fit, FitPrior, Outlines, fit_outlines};
 use crate::measure::{MeasureInput, Measurements, measure};
 use crate::normalize::{NormalizeError, NormalizedView};
+use crate::outline_map::OutlineMap;
 use crate::pipeline::start;
-use crate::pipeline::views::{Normalizer, carve_views, measure_views};
+use crate::pipeline::views::{
+    Normalizer, carve_views, measure_views, normalized_outlines, photographed_outlines,
+};
 use crate::pipeline::warning::{self, Warning};
 use crate::pipeline::{
     AvatarSource, CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError,
@@ -429,42 +432,45 @@ impl<'a> Job<'a> {
         Ok(left)
     }
 
-    /// The body that all normalized silhouettes allow
+    /// The body that all normalized silhouettes allow, and their outlines
     pub(super) fn carve(
         &mut self,
         bundle: &Bundle,
         fit: Option<&Fit>,
         views: &[ViewReport],
-        normalized: &[Grid<f32>],
-    ) -> Result<TriMesh, PipelineError> {
+    ) -> Result<(TriMesh, Vec<OutlineMap>), PipelineError> {
         self.stage(Stage::Carve, 1, |_| {
-            let (views, options) = (
-                carve_views(bundle, views, normalized),
-                CarveOptions::default(),
-            );
-            Ok(match fit {
+            let outlines = normalized_outlines(views);
+            let options = CarveOptions::default();
+            let views = carve_views(bundle, views, &outlines);
+            let hull = match fit {
                 Some(fit) => carve_beside_avatar(&views, &fit.avatar, &options)?,
                 None => carve(&views, &options)?,
-            })
+            };
+            Ok((hull, outlines))
         })?
     }
 
-    /// Tapes around the body; normalized silhouettes are needed where no body was fitted
+    /// Tapes around the body: the fitted one, or the one carved from the `normalized` outlines
     pub(super) fn measure(
         &mut self,
         bundle: &Bundle,
         fit: Option<&Fit>,
         views: &[ViewReport],
-        normalized: &[Grid<f32>],
+        normalized: Vec<OutlineMap>,
         body: &TriMesh,
     ) -> Result<Measurements, PipelineError> {
         let scan = self.scan;
         let found = self.stage(Stage::Measure, 1, |_| {
+            let outlines = match fit {
+                Some(_) => photographed_outlines(views),
+                None => normalized,
+            };
             measure(&MeasureInput {
                 body,
                 avatar: fit.map_or(&bundle.avatar, |fit| &fit.avatar),
                 fitted: fit.is_some(),
-                views: &measure_views(bundle, fit, views, normalized),
+                views: &measure_views(bundle, fit, views, &outlines),
                 stature_mm: scan.stature_mm,
                 stature_from: scan.stature_from,
                 subject: scan.subject,

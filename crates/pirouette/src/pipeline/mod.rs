@@ -216,8 +216,9 @@ pub fn run(
         let mut normalized = Vec::new();
         if config.goal >= Goal::Reconstruct {
             if fit.is_none() || config.hull {
-                normalized = views::normalized_silhouettes(&views);
-                hull = Some(job.carve(bundle, fit.as_ref(), &views, &normalized)?);
+                let (carved, outlines) = job.carve(bundle, fit.as_ref(), &views)?;
+                hull = Some(carved);
+                normalized = outlines;
             }
             body = match &fit {
                 Some(fit) => Some(fit.avatar.mesh.clone()),
@@ -227,7 +228,7 @@ pub fn run(
         if config.goal >= Goal::Measure
             && let Some(body) = &body
         {
-            measurements = Some(job.measure(bundle, fit.as_ref(), &views, &normalized, body)?);
+            measurements = Some(job.measure(bundle, fit.as_ref(), &views, normalized, body)?);
         }
         found_fit = fit;
     }

@@ -1,6 +1,6 @@
 //! Single views as normalizing, carving and measuring take them.
 
-use pirouette_geom::{Grid, TriMesh};
+use pirouette_geom::TriMesh;
 use rayon::prelude::*;
 
 use crate::avatar::Avatar;
@@ -13,6 +13,7 @@ use crate::normalize::{
     NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
     RegisterOptions, normalize, shared_skeleton_joints,
 };
+use crate::outline_map::OutlineMap;
 use crate::pipeline::{Config, Method, ViewReport};
 use crate::pose::Pose;
 
@@ -97,51 +98,50 @@ impl<'a> Normalizer<'a> {
     }
 }
 
-/// The normalized silhouettes, soft, in the order of the views
-pub(super) fn normalized_silhouettes(views: &[ViewReport]) -> Vec<Grid<f32>> {
+/// Outlines of the normalized silhouettes, in the order of the views
+pub(super) fn normalized_outlines(views: &[ViewReport]) -> Vec<OutlineMap> {
+    let outline = |normalized: &NormalizedView| {
+        // Soft silhouettes of all views at once would be the largest part of a job's memory.
+        OutlineMap::new(&normalized.soft(), OutlineMap::FAR_PX)
+    };
     let normalized = views.par_iter().filter_map(|view| view.normalized.as_ref());
-    normalized.map(NormalizedView::soft).collect()
+    normalized.map(outline).collect()
+}
+
+/// Outlines of the photographed silhouettes, in the order of the views
+pub(super) fn photographed_outlines(views: &[ViewReport]) -> Vec<OutlineMap> {
+    let outline = |view: &ViewReport| OutlineMap::new(&view.silhouette.soft, OutlineMap::NEAR_PX);
+    views.par_iter().map(outline).collect()
 }
 
 /// Silhouettes as measuring sees them: photographed ones where the body's poses are known, else normalized ones
 pub(super) fn measure_views<'a>(
     bundle: &Bundle,
     fit: Option<&Fit>,
-    views: &'a [ViewReport],
-    normalized: &'a [Grid<f32>],
+    views: &[ViewReport],
+    outlines: &'a [OutlineMap],
 ) -> Vec<MeasureView<'a>> {
-    let seen = |view: &ViewReport, silhouette, pose| MeasureView {
-        silhouette,
-        camera: bundle.cameras[view.index],
-        turn: bundle.turns[view.index],
-        pose,
-    };
-    match fit {
-        Some(fit) => {
-            let views = views.iter().zip(&fit.poses);
-            views
-                .map(|(view, &pose)| seen(view, &view.silhouette.soft, pose))
-                .collect()
-        }
-        None => {
-            let views = views.iter().zip(normalized);
-            views
-                .map(|(view, soft)| seen(view, soft, Pose::default()))
-                .collect()
-        }
-    }
+    let views = views.iter().zip(outlines).enumerate();
+    views
+        .map(|(place, (view, outline))| MeasureView {
+            outline,
+            camera: bundle.cameras[view.index],
+            turn: bundle.turns[view.index],
+            pose: fit.map_or(Pose::default(), |fit| fit.poses[place]),
+        })
+        .collect()
 }
 
 /// The normalized silhouettes as carving sees them
 pub(super) fn carve_views<'a>(
     bundle: &Bundle,
     views: &[ViewReport],
-    normalized: &'a [Grid<f32>],
+    normalized: &'a [OutlineMap],
 ) -> Vec<CarveView<'a>> {
     let views = views.iter().zip(normalized);
     views
-        .map(|(view, silhouette)| CarveView {
-            silhouette,
+        .map(|(view, outline)| CarveView {
+            outline,
             camera: bundle.cameras[view.index],
             turn: bundle.turns[view.index],
         })

@@ -5,18 +5,23 @@ use pirouette_geom::contour::trace_outline;
 use pirouette_geom::distance_map::signed_distance_within;
 use pirouette_geom::{Grid, Mask};
 
-/// Signed distance to the outline of a soft silhouette, negative inside
-pub(crate) struct OutlineMap {
-    /// Distances at pixel centers, in px
+/// Signed distance to the outline of a soft silhouette, in px, negative inside
+///
+/// What carving and tapes ask; a third of the silhouette's size in memory.
+#[derive(Debug, Clone)]
+pub struct OutlineMap {
+    /// Columns and rows of the silhouette
+    size: (usize, usize),
+    /// Distances at pixel centers around the person, in px
     distances: Grid<f32>,
     /// Photo coordinates of the first pixel center
     first: DVec2,
     /// Largest position between pixel centers: just before the last column and row
     last_cell: DVec2,
-    /// The corners of the box that holds the silhouette, in photo coordinates
-    person: [DVec2; 2],
-    /// Whether the silhouette is cut off by the border of the photo
-    pub(crate) cut: bool,
+    /// The corners of the box that holds the person, in photo coordinates; `None` for an empty silhouette
+    person: Option<[DVec2; 2]>,
+    /// Whether the person is cut off by the border of the photo
+    cut: bool,
 }
 
 /// Within this distance, in px, values come from the outline itself; beyond, from whole pixels
@@ -32,19 +37,29 @@ const MARGIN_PX: usize = 24;
 
 impl OutlineMap {
     /// Coverage at the outline
-    pub(crate) const LEVEL: f32 = 0.5;
+    pub const LEVEL: f32 = 0.5;
 
-    /// How far distances are told to find where there is nothing to look for, in px
-    pub(crate) const FAR_PX: f32 = 32.0;
+    /// How far distances are told to find where there is nothing to carve, in px
+    pub const FAR_PX: f32 = 32.0;
 
-    /// The same where only the outline and its sides are asked for: a fifth of the work
-    pub(crate) const NEAR_PX: f32 = 4.0;
+    /// The same where tapes alone ask, at the outline and beside it: a fifth of the work
+    pub const NEAR_PX: f32 = 4.0;
 
-    /// Larger distances than `reach_px`, at least [`Self::NEAR_PX`], are given as this one; `None` for a silhouette
-    /// without inside
-    pub(crate) fn new(silhouette: &Grid<f32>, reach_px: f32) -> Option<Self> {
-        let (x0, y0, x1, y1) = silhouette.bounding_box_where(|&v| v >= Self::LEVEL)?;
+    /// The map of a silhouette's coverage, 0 to 1
+    ///
+    /// Larger distances than `reach_px`, at least [`Self::NEAR_PX`], are given as this one. NaN counts as outside.
+    pub fn new(silhouette: &Grid<f32>, reach_px: f32) -> Self {
         let (width, height) = (silhouette.width(), silhouette.height());
+        let Some((x0, y0, x1, y1)) = silhouette.bounding_box_where(|&v| v >= Self::LEVEL) else {
+            return Self {
+                size: (width, height),
+                distances: Grid::filled(2, 2, reach_px),
+                first: DVec2::ZERO,
+                last_cell: DVec2::ONE,
+                person: None,
+                cut: false,
+            };
+        };
         let cut = x0 == 0 || y0 == 0 || x1 == width || y1 == height;
         let person = [(x0, y0), (x1, y1)].map(|(x, y)| DVec2::new(x as f64, y as f64));
         let (x0, y0) = (x0.saturating_sub(MARGIN_PX), y0.saturating_sub(MARGIN_PX));
@@ -55,13 +70,29 @@ impl OutlineMap {
         blend_far(&mut distances, &mask, reach_px);
         let distances = at_least_two_wide(distances);
         let size = DVec2::new(distances.width() as f64, distances.height() as f64);
-        Some(Self {
+        Self {
+            size: (width, height),
             distances,
             last_cell: size - (1.0 + 1e-9),
             first: DVec2::new(x0 as f64 + 0.5, y0 as f64 + 0.5),
-            person,
+            person: Some(person),
             cut,
-        })
+        }
+    }
+
+    /// Columns and rows of the silhouette
+    pub fn size_px(&self) -> (usize, usize) {
+        self.size
+    }
+
+    /// Whether the silhouette shows nobody
+    pub fn is_empty(&self) -> bool {
+        self.person.is_none()
+    }
+
+    /// Whether the person is cut off by the border of the photo
+    pub fn is_cut(&self) -> bool {
+        self.cut
     }
 
     /// Signed distance at a photo point, in px
@@ -69,7 +100,7 @@ impl OutlineMap {
     /// Beyond the border of the map, where the photo cuts the silhouette off, border values go on as the silhouette
     /// does; elsewhere the value is positive, and no larger than the distance.
     #[inline]
-    pub(crate) fn at(&self, u: f64, v: f64) -> f64 {
+    pub fn at(&self, u: f64, v: f64) -> f64 {
         let (x, y) = (u - self.first.x, v - self.first.y);
         if x >= 0.0 && y >= 0.0 && x <= self.last_cell.x && y <= self.last_cell.y {
             return self.within(x, y);
@@ -88,7 +119,9 @@ impl OutlineMap {
         if self.cut {
             return at_border;
         }
-        let [low, high] = self.person;
+        let Some([low, high]) = self.person else {
+            return at_border;
+        };
         let p = DVec2::new(u, v);
         at_border.max(p.distance(p.clamp(low, high)))
     }
@@ -232,8 +265,7 @@ mod tests {
     #[test]
     fn distances_to_a_disc_are_exact_to_a_twentieth_of_a_pixel() {
         let center = DVec2::new(40.3, 37.8);
-        let map = OutlineMap::new(&disc(center, 20.0, 80), OutlineMap::FAR_PX)
-            .expect("the disc is there");
+        let map = OutlineMap::new(&disc(center, 20.0, 80), OutlineMap::FAR_PX);
         assert!(!map.cut);
         for i in 0..1000 {
             let t = f64::from(i);
@@ -247,8 +279,7 @@ mod tests {
     #[test]
     fn far_distances_have_the_right_sign_and_are_never_too_large() {
         let center = DVec2::new(40.0, 40.0);
-        let map = OutlineMap::new(&disc(center, 20.0, 200), OutlineMap::FAR_PX)
-            .expect("the disc is there");
+        let map = OutlineMap::new(&disc(center, 20.0, 200), OutlineMap::FAR_PX);
         for (p, distance) in [
             (DVec2::new(40.0, 40.0), -20.0),
             (DVec2::new(70.0, 40.0), 10.0),
@@ -262,8 +293,7 @@ mod tests {
 
     #[test]
     fn a_cut_silhouette_goes_on_beyond_the_border() {
-        let map = OutlineMap::new(&disc(DVec2::new(5.0, 40.0), 20.0, 80), OutlineMap::FAR_PX)
-            .expect("a disc");
+        let map = OutlineMap::new(&disc(DVec2::new(5.0, 40.0), 20.0, 80), OutlineMap::FAR_PX);
         assert!(map.cut);
         assert!(map.at(0.5, 40.0) < -10.0);
         assert!(map.at(-300.0, 40.0) < -10.0);
@@ -272,15 +302,19 @@ mod tests {
 
     #[test]
     fn degenerate_silhouettes() {
-        assert!(OutlineMap::new(&Grid::filled(0, 0, 1.0), OutlineMap::FAR_PX).is_none());
-        assert!(OutlineMap::new(&Grid::filled(3, 2, f32::NAN), OutlineMap::FAR_PX).is_none());
-        let full = OutlineMap::new(&Grid::filled(1, 1, 1.0), OutlineMap::FAR_PX)
-            .expect("one pixel is inside");
+        for (width, height) in [(0, 0), (3, 2)] {
+            let blank = Grid::filled(width, height, f32::NAN);
+            let empty = OutlineMap::new(&blank, OutlineMap::FAR_PX);
+            assert!(empty.is_empty() && empty.size_px() == (width, height));
+            assert!(empty.at(0.5, 0.5) > 0.0 && empty.at(-9.0, 9.0) > 0.0);
+        }
+        let full = OutlineMap::new(&Grid::filled(1, 1, 1.0), OutlineMap::FAR_PX);
+        assert!(!full.is_empty() && full.is_cut());
         assert!(full.at(0.5, 0.5) < 0.0 && full.at(10.0, -10.0) < 0.0);
         // One lone pixel vanishes by smoothing, but its map is still sound.
         let mut lone = Grid::filled(9, 9, 0.0);
         lone[(4, 4)] = 1.0;
-        let lone = OutlineMap::new(&lone, OutlineMap::FAR_PX).expect("one pixel is inside");
+        let lone = OutlineMap::new(&lone, OutlineMap::FAR_PX);
         assert!(lone.at(4.5, 4.5).is_finite());
     }
 }
