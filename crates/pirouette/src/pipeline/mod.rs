@@ -222,7 +222,8 @@ pub fn run(
             }
             body = match &fit {
                 Some(fit) => Some(fit.avatar.mesh.clone()),
-                None => hull.clone(),
+                None if config.hull => hull.clone(),
+                None => hull.take(),
             };
         }
         if config.goal >= Goal::Measure
@@ -248,7 +249,7 @@ pub fn run(
         views,
         body,
         colors,
-        hull: hull.filter(|_| config.hull),
+        hull,
         measurements,
         dropped,
         warnings,

@@ -1,5 +1,7 @@
 //! Depth buffer, and what it hides.
 
+use std::ops::Range;
+
 use glam::{DVec2, DVec3};
 use pirouette_geom::Grid;
 
@@ -46,8 +48,8 @@ impl SilhouetteMesh {
         let vertices = see_all(positions, camera);
         let size = (camera.width_px, camera.height_px);
         let faces = self.faces_to_draw(positions);
-        let buffer = DepthBuffer::draw(size, &vertices, &self.triangles, faces);
-        buffer.depth_mm()
+        let drawn = drawn_triangles(&vertices, &self.triangles, faces);
+        DepthBuffer::draw(size.0, 0..size.1, drawn).depth_mm()
     }
 
     pub(super) fn faces_to_draw(&self, positions: &[DVec3]) -> Faces {
@@ -75,8 +77,9 @@ pub fn nearest_surface(
     camera: &Camera,
 ) -> NearestSurface {
     let vertices = see_all(positions, camera);
-    let size = (camera.width_px, camera.height_px);
-    let buffer = DepthBuffer::draw(size, &vertices, triangles, Faces::Both);
+    let (width, height) = (camera.width_px, camera.height_px);
+    let drawn = drawn_triangles(&vertices, triangles, Faces::Both);
+    let buffer = DepthBuffer::draw(width, 0..height, drawn);
     NearestSurface {
         depth_mm: buffer.depth_mm(),
         triangle: buffer.triangle,
@@ -123,40 +126,45 @@ pub(super) enum Faces {
     Outside,
 }
 
+/// The triangles to draw, by index, with their corners
+pub(super) fn drawn_triangles(
+    vertices: &[Option<Seen>],
+    triangles: &[[u32; 3]],
+    faces: Faces,
+) -> impl Iterator<Item = (u32, [Seen; 3])> {
+    triangles.iter().zip(0..).filter_map(move |(triangle, t)| {
+        let [Some(a), Some(b), Some(c)] = triangle.map(|v| vertices[v as usize]) else {
+            return None;
+        };
+        // y points down on screen
+        let inside = (b.photo - a.photo).perp_dot(c.photo - a.photo) > 0.0;
+        (faces == Faces::Both || !inside).then_some((t, [a, b, c]))
+    })
+}
+
 impl DepthBuffer {
+    /// Draws some rows of a picture: the first of the buffer is the first of them
     pub(super) fn draw(
-        (width, height): (usize, usize),
-        vertices: &[Option<Seen>],
-        triangles: &[[u32; 3]],
-        faces: Faces,
+        width: usize,
+        rows: Range<usize>,
+        triangles: impl Iterator<Item = (u32, [Seen; 3])>,
     ) -> Self {
         let mut buffer = Self {
-            nearness: Grid::filled(width, height, 0f32),
-            triangle: Grid::filled(width, height, NearestSurface::NONE),
+            nearness: Grid::filled(width, rows.len(), 0f32),
+            triangle: Grid::filled(width, rows.len(), NearestSurface::NONE),
         };
-        for (t, triangle) in triangles.iter().enumerate() {
-            let [Some(a), Some(b), Some(c)] = triangle.map(|v| vertices[v as usize]) else {
-                continue;
-            };
-            // y points down on screen
-            let inside = (b.photo - a.photo).perp_dot(c.photo - a.photo) > 0.0;
-            if inside && faces == Faces::Outside {
-                continue;
-            }
-            each_pixel(
-                width,
-                height,
-                [a.photo, b.photo, c.photo],
-                |x, y, weights| {
-                    let [wa, wb, wc] = weights;
-                    let nearness = (wa * a.nearness + wb * b.nearness + wc * c.nearness) as f32;
-                    let nearest = &mut buffer.nearness[(x, y)];
-                    if nearness > *nearest {
-                        *nearest = nearness;
-                        buffer.triangle[(x, y)] = t as u32;
-                    }
-                },
-            );
+        for (t, corners) in triangles {
+            let [a, b, c] = corners.map(|corner| corner.nearness);
+            let on_screen = corners.map(|corner| corner.photo);
+            each_pixel(width, rows.clone(), on_screen, |x, y, [wa, wb, wc]| {
+                let nearness = (wa * a + wb * b + wc * c) as f32;
+                let at = (x, y - rows.start);
+                let nearest = &mut buffer.nearness[at];
+                if nearness > *nearest {
+                    *nearest = nearness;
+                    buffer.triangle[at] = t;
+                }
+            });
         }
         buffer
     }
@@ -173,10 +181,10 @@ const EDGE_SLACK: f64 = 1e-9;
 /// Triangles of less area than this on screen, in square px, are seen edge on
 const MIN_AREA_PX: f64 = 1e-12;
 
-/// Calls `visit` with column, row and barycentric weights of every pixel center in a triangle
+/// Calls `visit` with column, row and barycentric weights of every pixel center in a triangle, of some rows
 fn each_pixel(
     width: usize,
-    height: usize,
+    rows: Range<usize>,
     [a, b, c]: [DVec2; 3],
     mut visit: impl FnMut(usize, usize, [f64; 3]),
 ) {
@@ -195,7 +203,7 @@ fn each_pixel(
         _ => 0,
     };
     let (x0, x1) = (first(low.x), end(high.x, width));
-    let (y0, y1) = (first(low.y), end(high.y, height));
+    let (y0, y1) = (first(low.y).max(rows.start), end(high.y, rows.end));
     if x0 >= x1 {
         return;
     }
@@ -361,12 +369,30 @@ mod tests {
     }
 
     #[test]
+    fn bands_of_rows_are_parts_of_the_whole() {
+        let (positions, triangles) = sphere(DVec3::new(30.0, 900.0, 0.0), 300.0, 12);
+        let vertices = see_all(&positions, &camera());
+        let draw = |rows| {
+            let drawn = drawn_triangles(&vertices, &triangles, Faces::Both);
+            DepthBuffer::draw(160, rows, drawn)
+        };
+        let whole = draw(0..200);
+        for rows in [0..1, 60..75, 99..200, 150..150] {
+            let band = draw(rows.clone());
+            for (y, row) in rows.enumerate() {
+                assert_eq!(band.nearness.row(y), whole.nearness.row(row));
+                assert_eq!(band.triangle.row(y), whole.triangle.row(row));
+            }
+        }
+    }
+
+    #[test]
     fn neighbors_share_every_pixel_between_them() {
         let quad = [(10.3, 5.1), (90.7, 20.2), (70.1, 80.9), (20.4, 60.5)];
         let [a, b, c, d] = quad.map(|(x, y)| DVec2::new(x, y));
         let mut hits = Grid::filled(100, 100, 0u32);
-        each_pixel(100, 100, [a, b, c], |x, y, _| hits[(x, y)] += 1);
-        each_pixel(100, 100, [a, c, d], |x, y, [wa, wb, wc]| {
+        each_pixel(100, 0..100, [a, b, c], |x, y, _| hits[(x, y)] += 1);
+        each_pixel(100, 0..100, [a, c, d], |x, y, [wa, wb, wc]| {
             hits[(x, y)] += 1;
             let p = a * wa + c * wb + d * wc;
             let center = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);

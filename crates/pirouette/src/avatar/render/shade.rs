@@ -7,12 +7,15 @@ use pirouette_geom::Grid;
 use rayon::prelude::*;
 
 use super::SilhouetteMesh;
-use super::depth::{DepthBuffer, NearestSurface, Seen, see_all};
+use super::depth::{DepthBuffer, NearestSurface, Seen, drawn_triangles, see_all};
 use crate::camera::Camera;
 use crate::scan::Photo;
 
 /// Samples per pixel along each axis for the colors inside; the outline itself is exact
 const SAMPLES: usize = 2;
+
+/// Rows of pixels that are drawn at once: their samples fit into the cache
+const BAND_ROWS: usize = 32;
 
 /// Linear color of a surface that comes without colors: warm light clay
 const CLAY: [f32; 3] = [0.50, 0.395, 0.33];
@@ -52,7 +55,7 @@ pub fn shade(
     for y in 0..height {
         photo.row_mut(y).fill(behind(y).map(|v| (v + 0.5) as u8));
     }
-    let Some(samples) = Samples::draw(positions, mesh, camera) else {
+    let Some(scene) = Scene::new(positions, mesh, camera) else {
         return photo;
     };
     // Colors hardly change between neighboring vertices: light falls on these only.
@@ -69,32 +72,36 @@ pub fn shade(
         }
         color
     };
-    let window = &samples.window;
-    photo
-        .as_mut_slice()
-        .par_chunks_mut(width)
-        .skip(window.y)
-        .take(window.height)
-        .enumerate()
-        .for_each(|(y, row)| {
-            let linear = behind(window.y + y).map(|v| linear_from_srgb(v / 255.0));
-            let row = &mut row[window.x..window.x + window.width];
-            for (x, pixel) in row.iter_mut().enumerate() {
-                let (color, share) = if samples.one_surface(x, y) {
-                    match samples.at_center(x, y) {
-                        Some(place) => (color_at(place), 1.0),
-                        None => continue,
-                    }
-                } else {
-                    let found = samples.of_pixel(x, y).map(color_at);
-                    let Some((color, count)) = mean(found) else {
-                        continue;
-                    };
-                    (color, count / (SAMPLES * SAMPLES) as f32)
+    let draw_row = |samples: &Samples, y: usize, row: &mut [[u8; 3]]| {
+        let window = &samples.window;
+        let linear = behind(window.y + y).map(|v| linear_from_srgb(v / 255.0));
+        let row = &mut row[window.x..window.x + window.width];
+        for (x, pixel) in row.iter_mut().enumerate() {
+            let (color, share) = if samples.one_surface(x, y) {
+                match samples.at_center(x, y) {
+                    Some(place) => (color_at(place), 1.0),
+                    None => continue,
+                }
+            } else {
+                let found = samples.of_pixel(x, y).map(color_at);
+                let Some((color, count)) = mean(found) else {
+                    continue;
                 };
-                *pixel = std::array::from_fn(|k| {
-                    level_from_linear(linear[k] * (1.0 - share) + color[k] * share)
-                });
+                (color, count / (SAMPLES * SAMPLES) as f32)
+            };
+            *pixel = std::array::from_fn(|k| {
+                level_from_linear(linear[k] * (1.0 - share) + color[k] * share)
+            });
+        }
+    };
+    let rows = scene.window.y * width..(scene.window.y + scene.window.height) * width;
+    photo.as_mut_slice()[rows]
+        .par_chunks_mut(width * BAND_ROWS)
+        .enumerate()
+        .for_each(|(band, rows)| {
+            let samples = scene.band(band);
+            for (y, row) in rows.chunks_mut(width).enumerate() {
+                draw_row(&samples, y, row);
             }
         });
     photo
@@ -126,7 +133,7 @@ pub fn shade_layer(
         color: Grid::filled(width, height, [0.0; 3]),
         coverage: mesh.silhouette(positions, camera),
     };
-    let Some(samples) = Samples::draw(positions, mesh, camera) else {
+    let Some(scene) = Scene::new(positions, mesh, camera) else {
         return layer;
     };
     let lights = Lights::new();
@@ -145,14 +152,21 @@ pub fn shade_layer(
         }
         lights.on(normal.try_normalize().unwrap_or(DVec3::Z), paint(albedo))
     };
-    let color = |x, y| mean(samples.of_pixel(x, y).map(lit)).map(|(color, _)| color);
-    let rows: Vec<Vec<Option<[f32; 3]>>> = (0..samples.window.height)
+    let rows_of = |band: usize| -> Vec<Vec<Option<[f32; 3]>>> {
+        let samples = scene.band(band);
+        let color = |x, y| mean(samples.of_pixel(x, y).map(lit)).map(|(color, _)| color);
+        (0..samples.window.height)
+            .map(|y| (0..samples.window.width).map(|x| color(x, y)).collect())
+            .collect()
+    };
+    let bands: Vec<_> = (0..scene.bands.len())
         .into_par_iter()
-        .map(|y| (0..samples.window.width).map(|x| color(x, y)).collect())
+        .map(rows_of)
         .collect();
+    let rows: Vec<_> = bands.into_iter().flatten().collect();
     for (y, row) in rows.iter().enumerate() {
         for (x, sampled) in row.iter().enumerate() {
-            let at = (x + samples.window.x, y + samples.window.y);
+            let at = (x + scene.window.x, y + scene.window.y);
             if layer.coverage[at] <= 0.0 {
                 continue;
             }
@@ -180,6 +194,7 @@ fn mean(colors: impl Iterator<Item = [f32; 3]>) -> Option<([f32; 3], f32)> {
 }
 
 /// The pixels around a surface
+#[derive(Debug, Clone, Copy)]
 struct Window {
     x: usize,
     y: usize,
@@ -209,32 +224,79 @@ impl Window {
     }
 }
 
-/// The nearest surface at [`SAMPLES`] x [`SAMPLES`] points of each pixel in a window
-struct Samples<'a> {
+/// A surface before it is drawn, one band of [`BAND_ROWS`] rows after the other
+struct Scene<'a> {
     window: Window,
     triangles: &'a [[u32; 3]],
+    /// Places in samples, from the window's corner
     vertices: Vec<Option<Seen>>,
-    buffer: DepthBuffer,
+    /// The triangles that reach into each band
+    bands: Vec<Vec<u32>>,
 }
 
-impl<'a> Samples<'a> {
-    fn draw(positions: &[DVec3], mesh: &'a SilhouetteMesh, camera: &Camera) -> Option<Self> {
+impl<'a> Scene<'a> {
+    /// `None` where nothing of the surface is in the picture
+    fn new(positions: &[DVec3], mesh: &'a SilhouetteMesh, camera: &Camera) -> Option<Self> {
         let mut vertices = see_all(positions, camera);
         let window = Window::around(&vertices, camera)?;
         let corner = DVec2::new(window.x as f64, window.y as f64);
         for seen in vertices.iter_mut().flatten() {
             seen.photo = (seen.photo - corner) * SAMPLES as f64;
         }
-        let size = (window.width * SAMPLES, window.height * SAMPLES);
+        let mut bands = vec![Vec::new(); window.height.div_ceil(BAND_ROWS)];
+        let band_of = |y: f64| (y / (SAMPLES * BAND_ROWS) as f64) as usize;
         let faces = mesh.faces_to_draw(positions);
+        for (t, corners) in drawn_triangles(&vertices, mesh.triangles(), faces) {
+            let [a, b, c] = corners.map(|corner| corner.photo.y);
+            let first = band_of(a.min(b).min(c));
+            let last = band_of(a.max(b).max(c)).min(bands.len() - 1);
+            for band in bands.iter_mut().take(last + 1).skip(first) {
+                band.push(t);
+            }
+        }
         Some(Self {
-            buffer: DepthBuffer::draw(size, &vertices, mesh.triangles(), faces),
             window,
             triangles: mesh.triangles(),
             vertices,
+            bands,
         })
     }
 
+    fn corners(&self, triangle: u32) -> Option<[Seen; 3]> {
+        let [a, b, c] = self.triangles[triangle as usize].map(|v| self.vertices[v as usize]);
+        Some([a?, b?, c?])
+    }
+
+    fn band(&self, band: usize) -> Samples<'_> {
+        let from = band * BAND_ROWS;
+        let window = Window {
+            y: self.window.y + from,
+            height: BAND_ROWS.min(self.window.height - from),
+            ..self.window
+        };
+        let rows = from * SAMPLES..(from + window.height) * SAMPLES;
+        let triangles = self.bands[band].iter();
+        let triangles = triangles.filter_map(|&t| Some((t, self.corners(t)?)));
+        Samples {
+            first_row: rows.start,
+            buffer: DepthBuffer::draw(window.width * SAMPLES, rows, triangles),
+            window,
+            scene: self,
+        }
+    }
+}
+
+/// The nearest surface at [`SAMPLES`] x [`SAMPLES`] points of each pixel in a band
+struct Samples<'a> {
+    scene: &'a Scene<'a>,
+    /// The pixels of the band; columns and rows are counted from its corner
+    window: Window,
+    /// Samples above the band
+    first_row: usize,
+    buffer: DepthBuffer,
+}
+
+impl Samples<'_> {
     /// Whether all samples of a pixel see parts of the surface that lie next to each other
     ///
     /// One of them tells its color.
@@ -256,7 +318,7 @@ impl<'a> Samples<'a> {
         let samples = (0..SAMPLES * SAMPLES).map(move |k| (k % SAMPLES, k / SAMPLES));
         samples.filter_map(move |(dx, dy)| {
             let (x, y) = (x * SAMPLES + dx, y * SAMPLES + dy);
-            let point = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+            let point = DVec2::new(x as f64 + 0.5, (y + self.first_row) as f64 + 0.5);
             self.on_triangle(self.buffer.triangle[(x, y)], point)
         })
     }
@@ -265,7 +327,7 @@ impl<'a> Samples<'a> {
     fn at_center(&self, x: usize, y: usize) -> Option<([u32; 3], [f64; 3])> {
         let triangle = self.buffer.triangle[(x * SAMPLES, y * SAMPLES)];
         let center = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) * SAMPLES as f64;
-        self.on_triangle(triangle, center)
+        self.on_triangle(triangle, center + DVec2::Y * self.first_row as f64)
     }
 
     /// The corners of a triangle, and their perspective-correct weights at a point of the picture
@@ -273,9 +335,7 @@ impl<'a> Samples<'a> {
         if triangle == NearestSurface::NONE {
             return None;
         }
-        let triangle = self.triangles[triangle as usize];
-        let [a, b, c] = triangle.map(|v| self.vertices[v as usize]);
-        let (a, b, c) = (a?, b?, c?);
+        let [a, b, c] = self.scene.corners(triangle)?;
         let (ab, ac) = (b.photo - a.photo, c.photo - a.photo);
         let p = point - a.photo;
         let area = ab.perp_dot(ac);
@@ -286,7 +346,10 @@ impl<'a> Samples<'a> {
             wc * c.nearness,
         ];
         let sum: f64 = raw.iter().sum();
-        Some((triangle, raw.map(|w| w / sum)))
+        Some((
+            self.scene.triangles[triangle as usize],
+            raw.map(|w| w / sum),
+        ))
     }
 }
 
