@@ -6,6 +6,7 @@
 
 use glam::DVec2;
 
+use crate::raster::stretch;
 use crate::{Grid, Mask};
 
 /// Distance from each pixel center to the nearest `true` pixel center, in px
@@ -110,16 +111,6 @@ fn signed_by(mask: &Mask, mut gap: impl FnMut(&[u32], &mut [f32])) -> Grid<f32> 
         }
     }
     distance
-}
-
-/// How many pixels there are before the first that has not this value
-fn stretch(pixels: &[bool], value: bool) -> usize {
-    let same = |part: &[bool]| part.iter().fold(true, |same, &v| same & (v == value));
-    let blocks = pixels.as_chunks::<16>().0;
-    let block = blocks.iter().position(|block| !same(block));
-    let from = 16 * block.unwrap_or(blocks.len());
-    let rest = pixels[from..].iter().position(|&v| v != value);
-    rest.map_or(pixels.len(), |rest| from + rest)
 }
 
 /// Looks up a map between its pixel centers, linearly in x and in y

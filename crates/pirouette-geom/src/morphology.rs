@@ -3,7 +3,8 @@
 //! Structuring elements are Euclidean discs of any radius, by thresholding exact distances. Beyond the
 //! image nothing is known: its border neither erodes nor dilates a shape.
 
-use crate::{Grid, Mask};
+use crate::Mask;
+use crate::raster::stretch;
 
 /// A radius that is meant to reach a pixel center does so in spite of rounding
 const ROUNDING: f64 = 1.0 + 1e-6;
@@ -177,39 +178,65 @@ pub fn close(mask: &Mask, radius: f64) -> Mask {
     erode(&dilate(mask, radius), radius)
 }
 
-/// Connected parts of a mask; pixels that share an edge are connected
+/// Connected parts of a mask, row by row; pixels that share an edge are connected
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Components {
-    /// 0 outside the mask, else 1 + the index of the component in `areas`
-    pub labels: Grid<u32>,
+    width: usize,
+    height: usize,
+    /// From the top left on, in reading order
+    runs: Vec<Run>,
     /// Pixels of each component, in the order in which rows from the top first meet them
     pub areas: Vec<usize>,
 }
 
+/// A stretch of pixels of one component in one row
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Run {
+    row: usize,
+    start: usize,
+    end: usize,
+    /// Index of the component
+    component: usize,
+}
+
 impl Components {
-    /// Label of the largest component, the first of equals; `None` for an empty mask
-    pub fn largest(&self) -> Option<u32> {
+    /// Index of the largest component, the first of equals; `None` for an empty mask
+    pub fn largest(&self) -> Option<usize> {
         let mut best: Option<usize> = None;
         for (i, &area) in self.areas.iter().enumerate() {
             if best.is_none_or(|b| area > self.areas[b]) {
                 best = Some(i);
             }
         }
-        best.map(|i| i as u32 + 1)
+        best
     }
 
     /// The mask of one component
-    pub fn mask(&self, label: u32) -> Mask {
-        self.labels.map(|&l| l == label && l != 0)
+    pub fn mask(&self, component: usize) -> Mask {
+        let mut mask = Mask::filled(self.width, self.height, false);
+        self.paint(&mut mask, true, |of| of == component);
+        mask
     }
-}
 
-/// A stretch of pixels inside, in one row
-struct Run {
-    start: usize,
-    end: usize,
-    /// Another run of the same component, or itself
-    parent: usize,
+    /// Gives the pixels of some components a value
+    fn paint(&self, mask: &mut Mask, value: bool, which: impl Fn(usize) -> bool) {
+        for run in self.runs.iter().filter(|run| which(run.component)) {
+            mask.row_mut(run.row)[run.start..run.end].fill(value);
+        }
+    }
+
+    /// Which components reach the border of the picture
+    fn reach_border(&self) -> Vec<bool> {
+        let mut reach = vec![false; self.areas.len()];
+        for run in &self.runs {
+            let at_border = run.row == 0
+                || run.row + 1 == self.height
+                || run.start == 0
+                || run.end == self.width;
+            reach[run.component] |= at_border;
+        }
+        reach
+    }
 }
 
 /// Finds the connected parts of a mask; pixels that share an edge are connected
@@ -219,34 +246,17 @@ struct Run {
 /// use pirouette_geom::{Mask, morphology::components};
 /// let parts = components(&Mask::from_art("##.# #..# ..##"));
 /// assert_eq!(parts.areas, [3, 4]);
+/// assert_eq!(parts.mask(0).to_art(), "##..\n#...\n....\n");
 /// ```
 pub fn components(mask: &Mask) -> Components {
-    let (runs, row_starts) = connected_runs(mask);
-    let mut labels = Grid::filled(mask.width(), mask.height(), 0);
-    let mut areas: Vec<usize> = Vec::new();
-    let mut label_of_root = vec![0u32; runs.len()];
-    for y in 0..mask.height() {
-        let row = labels.row_mut(y);
-        for i in row_starts[y]..row_starts[y + 1] {
-            let root = find(&runs, i);
-            if label_of_root[root] == 0 {
-                areas.push(0);
-                label_of_root[root] = areas.len() as u32;
-            }
-            let label = label_of_root[root];
-            let run = &runs[i];
-            areas[label as usize - 1] += run.end - run.start;
-            row[run.start..run.end].fill(label);
-        }
-    }
-    Components { labels, areas }
+    components_of(mask, true)
 }
 
 /// Keeps the largest component only, the first of equals
 pub fn largest_component(mask: &Mask) -> Mask {
     let parts = components(mask);
     match parts.largest() {
-        Some(label) if parts.areas.len() > 1 => parts.mask(label),
+        Some(largest) if parts.areas.len() > 1 => parts.mask(largest),
         _ => mask.clone(),
     }
 }
@@ -262,46 +272,57 @@ pub fn largest_component(mask: &Mask) -> Mask {
 /// assert_eq!(fill_holes_below(&mask, 2).to_art(), "#####\n###.#\n###.#\n#####\n");
 /// ```
 pub fn fill_holes_below(mask: &Mask, area_px: usize) -> Mask {
-    let (width, height) = (mask.width(), mask.height());
-    let outside = components(&mask.map(|&v| !v));
-    let mut keep: Vec<bool> = outside.areas.iter().map(|&area| area >= area_px).collect();
-    for y in 0..height {
-        let row = outside.labels.row(y);
-        let border = if width == 0 || y == 0 || y + 1 == height {
-            row
-        } else {
-            &[row[0], row[width - 1]]
-        };
-        for &label in border {
-            if label != 0 {
-                keep[label as usize - 1] = true;
-            }
-        }
-    }
-    outside
-        .labels
-        .map(|&label| label == 0 || !keep[label as usize - 1])
+    let outside = components_of(mask, false);
+    let reach_border = outside.reach_border();
+    let mut filled = mask.clone();
+    outside.paint(&mut filled, true, |hole| {
+        outside.areas[hole] < area_px && !reach_border[hole]
+    });
+    filled
 }
 
-/// All runs, joined to components, and the index of the first run of each row (one more than rows)
-fn connected_runs(mask: &Mask) -> (Vec<Run>, Vec<usize>) {
-    let mut runs: Vec<Run> = Vec::new();
-    let mut row_starts = vec![0];
+/// Connected parts of the pixels that have a value
+fn components_of(mask: &Mask, value: bool) -> Components {
+    let (mut runs, parents) = connected_runs(mask, value);
+    let mut areas: Vec<usize> = Vec::new();
+    for i in 0..runs.len() {
+        // A root comes before all other runs of its component.
+        runs[i].component = if parents[i] == i {
+            areas.push(0);
+            areas.len() - 1
+        } else {
+            runs[parents[i]].component
+        };
+        areas[runs[i].component] += runs[i].end - runs[i].start;
+    }
+    Components {
+        width: mask.width(),
+        height: mask.height(),
+        runs,
+        areas,
+    }
+}
+
+/// All runs of a value, and for each the index of an earlier one of the same component, or of itself
+fn connected_runs(mask: &Mask, value: bool) -> (Vec<Run>, Vec<usize>) {
+    let (mut runs, mut parents): (Vec<Run>, Vec<usize>) = (Vec::new(), Vec::new());
     let mut above = 0..0;
     for y in 0..mask.height() {
         let row = mask.row(y);
         let first = runs.len();
-        let mut x = 0;
-        while let Some(skip) = row[x..].iter().position(|&v| v) {
-            let start = x + skip;
-            let length = row[start..].iter().position(|&v| !v);
-            let end = length.map_or(row.len(), |length| start + length);
-            runs.push(Run {
-                start,
-                end,
-                parent: runs.len(),
-            });
-            x = end;
+        let mut end = 0;
+        while end < row.len() {
+            let start = end + stretch(&row[end..], !value);
+            end = start + stretch(&row[start..], value);
+            if start < end {
+                parents.push(runs.len());
+                runs.push(Run {
+                    row: y,
+                    start,
+                    end,
+                    component: 0,
+                });
+            }
         }
         let mut upper = above.start;
         for lower in first..runs.len() {
@@ -310,33 +331,25 @@ fn connected_runs(mask: &Mask) -> (Vec<Run>, Vec<usize>) {
             }
             let mut touching = upper;
             while touching < above.end && runs[touching].start < runs[lower].end {
-                unite(&mut runs, touching, lower);
+                unite(&mut parents, touching, lower);
                 touching += 1;
             }
         }
         above = first..runs.len();
-        row_starts.push(runs.len());
     }
-    (runs, row_starts)
+    (runs, parents)
 }
 
-fn find(runs: &[Run], mut i: usize) -> usize {
-    while runs[i].parent != i {
-        i = runs[i].parent;
-    }
-    i
+fn unite(parents: &mut [usize], a: usize, b: usize) {
+    let (a, b) = (find_and_shorten(parents, a), find_and_shorten(parents, b));
+    // The earlier run is the root, so chains stay short and components follow the rows.
+    parents[a.max(b)] = a.min(b);
 }
 
-fn unite(runs: &mut [Run], a: usize, b: usize) {
-    let (a, b) = (find_and_shorten(runs, a), find_and_shorten(runs, b));
-    // The earlier run is the root, so chains stay short and labels follow the rows
-    runs[a.max(b)].parent = a.min(b);
-}
-
-fn find_and_shorten(runs: &mut [Run], mut i: usize) -> usize {
-    while runs[i].parent != i {
-        let grandparent = runs[runs[i].parent].parent;
-        runs[i].parent = grandparent;
+fn find_and_shorten(parents: &mut [usize], mut i: usize) -> usize {
+    while parents[i] != i {
+        let grandparent = parents[parents[i]];
+        parents[i] = grandparent;
         i = grandparent;
     }
     i
@@ -372,29 +385,43 @@ mod tests {
         })
     }
 
-    /// Floods from every pixel that has no label yet
-    fn components_reference(mask: &Mask) -> Components {
-        let mut labels = Grid::filled(mask.width(), mask.height(), 0u32);
-        let mut areas = Vec::new();
-        for y in 0..mask.height() {
-            for x in 0..mask.width() {
-                if !mask[(x, y)] || labels[(x, y)] != 0 {
-                    continue;
-                }
-                areas.push(0);
-                let label = areas.len() as u32;
-                let mut stack = vec![(x as isize, y as isize)];
-                while let Some((x, y)) = stack.pop() {
-                    if mask.get(x, y) != Some(&true) || labels.get(x, y) != Some(&0) {
-                        continue;
-                    }
-                    labels[(x as usize, y as usize)] = label;
-                    areas[label as usize - 1] += 1;
+    /// Floods from every pixel that no component has yet
+    fn flooded(mask: &Mask) -> Vec<Mask> {
+        let (width, height) = (mask.width(), mask.height());
+        let mut left = mask.clone();
+        let mut found = Vec::new();
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            if !left[(x, y)] {
+                continue;
+            }
+            let mut component = Mask::filled(width, height, false);
+            let mut stack = vec![(x as isize, y as isize)];
+            while let Some((x, y)) = stack.pop() {
+                if left.get(x, y) == Some(&true) {
+                    let at = (x as usize, y as usize);
+                    (left[at], component[at]) = (false, true);
                     stack.extend([(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)]);
                 }
             }
+            found.push(component);
         }
-        Components { labels, areas }
+        found
+    }
+
+    fn fill_holes_reference(mask: &Mask, area_px: usize) -> Mask {
+        let (width, height) = (mask.width(), mask.height());
+        let mut filled = mask.clone();
+        for hole in flooded(&mask.map(|&v| !v)) {
+            let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+            let pixels: Vec<_> = pixels.filter(|&at| hole[at]).collect();
+            let inner = |&(x, y): &(usize, usize)| {
+                (1..width - 1).contains(&x) && (1..height - 1).contains(&y)
+            };
+            if pixels.len() < area_px && pixels.iter().all(inner) {
+                pixels.into_iter().for_each(|at| filled[at] = true);
+            }
+        }
+        filled
     }
 
     #[test]
@@ -446,7 +473,17 @@ mod tests {
     proptest! {
         #[test]
         fn components_agree_with_flooding(mask in masks()) {
-            prop_assert_eq!(components(&mask), components_reference(&mask));
+            let (found, expected) = (components(&mask), flooded(&mask));
+            let areas: Vec<usize> = expected.iter().map(Mask::area).collect();
+            prop_assert_eq!(&found.areas, &areas);
+            for (i, component) in expected.into_iter().enumerate() {
+                prop_assert_eq!(found.mask(i), component);
+            }
+        }
+
+        #[test]
+        fn holes_agree_with_flooding(mask in masks(), area_px in 0usize..9) {
+            prop_assert_eq!(fill_holes_below(&mask, area_px), fill_holes_reference(&mask, area_px));
         }
 
         #[test]

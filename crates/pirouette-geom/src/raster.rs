@@ -262,6 +262,16 @@ impl<T: fmt::Debug> fmt::Debug for Grid<T> {
     }
 }
 
+/// How many pixels there are before the first that has not this value
+pub(crate) fn stretch(pixels: &[bool], value: bool) -> usize {
+    let same = |part: &[bool]| part.iter().fold(true, |same, &v| same & (v == value));
+    let blocks = pixels.as_chunks::<16>().0;
+    let block = blocks.iter().position(|block| !same(block));
+    let from = 16 * block.unwrap_or(blocks.len());
+    let rest = pixels[from..].iter().position(|&v| v != value);
+    rest.map_or(pixels.len(), |rest| from + rest)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

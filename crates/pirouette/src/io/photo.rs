@@ -6,7 +6,7 @@
 use std::io::Cursor;
 
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use pirouette_geom::{Grid, Mask};
 use thiserror::Error;
 
@@ -74,16 +74,29 @@ pub enum PhotoError {
 /// # Errors
 /// When the bytes are no complete JPEG, PNG or WebP file of a sensible size.
 pub fn decode_photo(bytes: &[u8]) -> Result<DecodedPhoto, PhotoError> {
-    let (image, exif) = decode(bytes)?;
-    let rgb = image.into_rgb8();
-    let (width, height) = (rgb.width() as usize, rgb.height() as usize);
+    let mut decoder = open(bytes)?;
+    let exif = exif(&mut decoder);
+    let photo = if decoder.color_type() == ColorType::Rgb8
+        && orientation(&mut decoder) == Orientation::NoTransforms
+    {
+        // Decoded into its place: photos are the largest part of what is loaded.
+        let (width_px, height_px) = decoder.dimensions();
+        let mut photo = Photo::filled(width_px as usize, height_px as usize, [0; 3]);
+        let pixels = photo.as_mut_slice().as_flattened_mut();
+        decoder.read_image(pixels).map_err(PhotoError::Damaged)?;
+        photo
+    } else {
+        let rgb = decode(decoder)?.into_rgb8();
+        let (width, height) = (rgb.width() as usize, rgb.height() as usize);
+        Photo::from_vec(width, height, rgb.into_raw().as_chunks().0.to_vec())
+    };
+    let (width, height) = (photo.width(), photo.height());
     if width.min(height) < MIN_PHOTO_SIDE_PX {
         return Err(PhotoError::TooSmall {
             width_px: width,
             height_px: height,
         });
     }
-    let photo = Photo::from_vec(width, height, rgb.into_raw().as_chunks().0.to_vec());
     let vertical_fov_radians = exif.and_then(|exif| {
         let focal_mm = focal_length_in_35mm_film(exif)?;
         vertical_fov(focal_mm, width, height)
@@ -99,8 +112,7 @@ pub fn decode_photo(bytes: &[u8]) -> Result<DecodedPhoto, PhotoError> {
 /// # Errors
 /// When the bytes are no complete JPEG, PNG or WebP file of a sensible size.
 pub fn decode_mask(bytes: &[u8]) -> Result<Mask, PhotoError> {
-    let (image, _) = decode(bytes)?;
-    let gray = image.into_luma8();
+    let gray = decode(open(bytes)?)?.into_luma8();
     let (width, height) = (gray.width() as usize, gray.height() as usize);
     let inside = gray.into_raw().into_iter().map(|v| v >= 128).collect();
     Ok(Mask::from_vec(width, height, inside))
@@ -139,7 +151,8 @@ fn first_level_beyond(
     beyond.unwrap_or_default()
 }
 
-fn decode(bytes: &[u8]) -> Result<(DynamicImage, Option<Vec<u8>>), PhotoError> {
+/// Reads as far as the size and what else comes before the pixels
+fn open(bytes: &[u8]) -> Result<impl ImageDecoder + use<'_>, PhotoError> {
     if bytes.is_empty() {
         return Err(PhotoError::Empty);
     }
@@ -157,7 +170,7 @@ fn decode(bytes: &[u8]) -> Result<(DynamicImage, Option<Vec<u8>>), PhotoError> {
     let mut limits = Limits::default();
     limits.max_alloc = Some(MAX_DECODE_BYTES);
     reader.limits(limits);
-    let mut decoder = reader.into_decoder().map_err(PhotoError::Damaged)?;
+    let decoder = reader.into_decoder().map_err(PhotoError::Damaged)?;
     let (width_px, height_px) = decoder.dimensions();
     if u64::from(width_px) * u64::from(height_px) > MAX_PHOTO_PIXELS {
         return Err(PhotoError::TooLarge {
@@ -165,12 +178,24 @@ fn decode(bytes: &[u8]) -> Result<(DynamicImage, Option<Vec<u8>>), PhotoError> {
             height_px,
         });
     }
-    // Damaged EXIF is no reason to refuse a photo.
-    let exif = decoder.exif_metadata().ok().flatten();
-    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    Ok(decoder)
+}
+
+// Damaged EXIF is no reason to refuse a photo.
+fn exif(decoder: &mut impl ImageDecoder) -> Option<Vec<u8>> {
+    decoder.exif_metadata().ok().flatten()
+}
+
+fn orientation(decoder: &mut impl ImageDecoder) -> Orientation {
+    decoder.orientation().unwrap_or(Orientation::NoTransforms)
+}
+
+/// The picture, turned upright
+fn decode(mut decoder: impl ImageDecoder) -> Result<DynamicImage, PhotoError> {
+    let orientation = orientation(&mut decoder);
     let mut image = DynamicImage::from_decoder(decoder).map_err(PhotoError::Damaged)?;
     image.apply_orientation(orientation);
-    Ok((image, exif))
+    Ok(image)
 }
 
 /// Whether a JPEG file reaches its end-of-image marker
