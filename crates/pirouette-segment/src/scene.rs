@@ -124,62 +124,91 @@ pub fn segment_scene(
         .map(|view| ViewState::new(view, options))
         .collect();
     let cells = ColorCells::new(views.par_iter().map(|view| (view.photo, view.seeds)));
-    let mut plates = Plates::none(views.len());
-    for pass in 0..options.passes.max(1) {
-        let first = pass == 0;
-        let margin = (!first).then_some(PLATE_MARGIN_PX);
-        plates = Plates::estimate(views, &states, options, margin);
-        let models = Models::fit(views, &states, first.then_some(&plates), &cells, options);
-        let next: Vec<Option<Result<Mask, GrabCutError>>> = views
+    let last = options.passes.max(1) - 1;
+    for pass in 0..last {
+        let pass = Pass::new(pass == 0, views, &states, &cells, options);
+        let next: Vec<Result<Mask, GrabCutError>> = states
             .par_iter()
-            .zip(&states)
             .enumerate()
-            .map(|(index, (view, state))| {
-                let state = state.as_ref().ok()?;
-                if cancelled() {
-                    return Some(Err(GrabCutError::Cancelled));
-                }
-                let plate = plates.of(index);
-                Some(models.of(index).map(|table| {
-                    let evidence = Evidence {
-                        table,
-                        plate,
-                        color_limit: options.color_limit,
-                        mask: (!first).then_some(&state.mask),
-                        least_odds: if first { FIRST_LEAST_ODDS } else { LEAST_ODDS },
-                        contrast: Contrast {
-                            smoothness: options.smoothness,
-                            beta: state.beta,
-                            plate: plate.filter(|_| options.attenuation),
-                        },
-                    };
-                    cut_view(view, &evidence).unwrap_or_else(|| state.mask.clone())
-                }))
-            })
+            .map(|(index, state)| pass.cut(index, state.as_ref().map_err(|e| *e)?, cancelled))
             .collect();
         for (state, next) in states.iter_mut().zip(next) {
             match (state.as_mut(), next) {
-                (Ok(state), Some(Ok(mask))) => state.mask = mask,
-                (Ok(_), Some(Err(error))) => *state = Err(error),
+                (Ok(state), Ok(mask)) => state.mask = mask,
+                (_, Err(error)) => *state = Err(error),
                 _ => {}
             }
         }
     }
-    let masks = views
-        .par_iter()
-        .zip(states)
+    let pass = Pass::new(last == 0, views, &states, &cells, options);
+    let masks = states
+        .into_par_iter()
         .enumerate()
-        .map(|(index, (view, state))| {
-            let state = state?;
-            if cancelled() {
-                return Err(GrabCutError::Cancelled);
-            }
-            Ok(finish(view, state, plates.of(index), options))
+        .map(|(index, state)| {
+            let mask = pass.cut(index, &state?, cancelled)?;
+            Ok(finish(&views[index], mask, pass.plates.of(index), options))
         })
         .collect();
     SceneResult {
         masks,
-        plate_used: plates.any(),
+        plate_used: pass.plates.any(),
+    }
+}
+
+/// What all views are cut by in one pass
+struct Pass<'a> {
+    first: bool,
+    views: &'a [SceneView<'a>],
+    options: &'a SceneOptions,
+    plates: Plates,
+    models: Models<'a>,
+}
+
+impl<'a> Pass<'a> {
+    /// Learns plates and color models from what the last pass found
+    fn new(
+        first: bool,
+        views: &'a [SceneView],
+        states: &[Result<ViewState, GrabCutError>],
+        cells: &'a ColorCells,
+        options: &'a SceneOptions,
+    ) -> Self {
+        let margin = (!first).then_some(PLATE_MARGIN_PX);
+        let plates = Plates::estimate(views, states, options, margin);
+        let models = Models::fit(views, states, first.then_some(&plates), cells, options);
+        Self {
+            first,
+            views,
+            options,
+            plates,
+            models,
+        }
+    }
+
+    fn cut(
+        &self,
+        index: usize,
+        state: &ViewState,
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Mask, GrabCutError> {
+        if cancelled() {
+            return Err(GrabCutError::Cancelled);
+        }
+        let (first, options) = (self.first, self.options);
+        let plate = self.plates.of(index);
+        let evidence = Evidence {
+            table: self.models.of(index)?,
+            plate,
+            color_limit: options.color_limit,
+            mask: (!first).then_some(&state.mask),
+            least_odds: if first { FIRST_LEAST_ODDS } else { LEAST_ODDS },
+            contrast: Contrast {
+                smoothness: options.smoothness,
+                beta: state.beta,
+                plate: plate.filter(|_| options.attenuation),
+            },
+        };
+        Ok(cut_view(&self.views[index], &evidence).unwrap_or_else(|| state.mask.clone()))
     }
 }
 
@@ -396,19 +425,16 @@ fn fit_pair(
 
 fn finish(
     view: &SceneView,
-    state: ViewState,
+    mask: Mask,
     plate: Option<&BackgroundPlate>,
     options: &SceneOptions,
 ) -> SceneMask {
     let decided = !view.seeds.as_slice().iter().any(|seed| seed.undecided());
     if decided || !options.unmix_border {
-        let soft = state.mask.map(|&v| if v { 1.0 } else { 0.0 });
-        return SceneMask {
-            mask: state.mask,
-            soft,
-        };
+        let soft = mask.map(|&v| if v { 1.0 } else { 0.0 });
+        return SceneMask { mask, soft };
     }
-    let mut soft = soft_border(view.photo, &state.mask, plate, view.scale);
+    let mut soft = soft_border(view.photo, &mask, plate, view.scale);
     let mask = tidy_soft(&mut soft, view.scale);
     SceneMask { mask, soft }
 }

@@ -55,7 +55,7 @@ impl OutlineMap {
                 size: (width, height),
                 distances: Grid::filled(2, 2, reach_px),
                 first: DVec2::ZERO,
-                last_cell: DVec2::ONE,
+                last_cell: DVec2::splat(1.0 - 1e-9),
                 person: None,
                 cut: false,
             };

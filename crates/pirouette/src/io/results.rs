@@ -96,9 +96,7 @@ pub fn write_results(
         let write = |view| write_view(folder, loaded, report, view, with_page);
         views.map(write).collect::<Result<Vec<_>, _>>()
     };
-    let sheets = || {
-        let body = DrawnBody::new(report);
-        let body = body.as_ref();
+    let pictures = |body: Option<&DrawnBody>| {
         let contact = || some_views.then(|| draw_contact_sheet(loaded, report, body));
         let residuals = || {
             some_views
@@ -114,17 +112,18 @@ pub fn write_results(
             let contact = sheet("contact.jpg", &contact)?;
             Ok::<_, ResultError>((contact, sheet("residuals.jpg", &residuals)?))
         };
-        let (large, tapes) = rayon::join(large, || sheet("tapes.jpg", &tapes));
+        // Views are many and small: they fill the time that the sheets leave.
+        let small = || (sheet("tapes.jpg", &tapes), write_views());
+        let (large, (tapes, page_overlays)) = rayon::join(large, small);
         let (contact, residuals) = large?;
-        Ok::<_, ResultError>((contact, residuals, tapes?))
+        Ok::<_, ResultError>((contact, residuals, tapes?, page_overlays?))
     };
-    let others = || {
-        let page_overlays = write_views()?;
-        write_bodies(folder, report, options.formats)?;
-        Ok::<_, ResultError>(page_overlays)
-    };
-    let (sheets, page_overlays) = rayon::join(sheets, others);
-    let ((contact_sheet, residuals, tapes), page_overlays) = (sheets?, page_overlays?);
+    let (body, written) = rayon::join(
+        || DrawnBody::new(report),
+        || write_bodies(folder, report, options.formats),
+    );
+    written?;
+    let (contact_sheet, residuals, tapes, page_overlays) = pictures(body.as_ref())?;
     let mut sizes = Vec::new();
     if let Some(measurements) = &report.measurements {
         let advice = measurements.advise(options.charts);

@@ -290,19 +290,18 @@ fn patches(values: &[f64; 8], joined: u8) -> Patches {
         for side in 0..2 {
             let base = side << axis;
             let ring = [base, base | u, base | u | v, base | v];
-            let crossed: Vec<usize> = (0..4)
-                .filter(|&i| inside(ring[i]) != inside(ring[(i + 1) % 4]))
-                .collect();
             let edge = |i: usize| edge_between(ring[i % 4], ring[(i + 1) % 4]);
-            match crossed[..] {
-                [a, b] => join(edge(a), edge(b)),
-                [_, _, _, _] => {
-                    let apart = joined >> (2 * axis + side) & 1 == 0;
-                    for i in (0..4).filter(|&i| inside(ring[i]) == apart) {
-                        join(edge(i + 3), edge(i));
-                    }
-                }
-                _ => {}
+            let mut crossed = (0..4).filter(|&i| inside(ring[i]) != inside(ring[(i + 1) % 4]));
+            let (Some(a), Some(b)) = (crossed.next(), crossed.next()) else {
+                continue;
+            };
+            if crossed.next().is_none() {
+                join(edge(a), edge(b));
+                continue;
+            }
+            let apart = joined >> (2 * axis + side) & 1 == 0;
+            for i in (0..4).filter(|&i| inside(ring[i]) == apart) {
+                join(edge(i + 3), edge(i));
             }
         }
     }
