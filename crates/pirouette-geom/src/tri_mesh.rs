@@ -102,6 +102,18 @@ impl TriMesh {
             .sum()
     }
 
+    /// Center of mass of the volume within a closed mesh, `None` without volume
+    pub fn center_of_mass(&self) -> Option<DVec3> {
+        let (mut volume, mut moment) = (0.0, DVec3::ZERO);
+        for [a, b, c] in (0..self.triangles.len()).map(|t| self.corners(t)) {
+            // the tetrahedron with the origin, times six
+            let part = a.dot(b.cross(c));
+            volume += part;
+            moment += (a + b + c) / 4.0 * part;
+        }
+        (volume != 0.0).then(|| moment / volume)
+    }
+
     /// Area of all triangles
     pub fn area(&self) -> f64 {
         (0..self.triangles.len())
@@ -439,6 +451,14 @@ mod tests {
         both.triangles
             .extend(b.triangles.iter().map(|t| t.map(|v| v + shift)));
         both
+    }
+
+    #[test]
+    fn mass_is_in_the_middle_of_the_corners_of_a_tetrahedron() {
+        let offset = DVec3::new(5.0, -2.0, 7.0);
+        let found = tetrahedron(offset).center_of_mass().unwrap();
+        assert!(found.distance(offset + 0.25) < 1e-9, "{found}");
+        assert_eq!(TriMesh::default().center_of_mass(), None);
     }
 
     proptest! {

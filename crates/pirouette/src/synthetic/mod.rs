@@ -8,11 +8,12 @@
 mod person;
 mod random;
 mod room;
+mod sway;
 
 pub use random::Random;
 pub use room::Clutter;
 
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use pirouette_geom::{Grid, Mask, TriMesh};
 use rayon::prelude::*;
 
@@ -110,8 +111,11 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
         .map(|(index, &turn)| {
             let seed = options.seed ^ (index as u64 + 1).wrapping_mul(0x5851_f42d_4c95_7f2d);
             let mut random = Random::new(seed);
-            let turned_more = options.turn_noise_radians * Random::new(!seed).normal();
-            let pose = sway(avatar, turn, turned_more, options.sway, &mut random);
+            let stance = &mut Random::new(!seed);
+            let turned_more = options.turn_noise_radians * stance.normal();
+            let mut pose = sway::sway(turned_more, options.sway, &mut random);
+            let off_mm = sway::off_balance_mm(options.sway, stance);
+            sway::stand(avatar, turn, off_mm, &mut pose);
             let posed = pose_bones(&avatar.bone_heads, &pose, turn);
             let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
             let coverage = render::silhouette(&positions, &avatar.mesh.triangles, &camera);
@@ -175,36 +179,6 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
         truth.canonical.push(canonical);
     }
     SyntheticScan { scan, truth }
-}
-
-/// Part of the prior deviation that people who try to stand still use up in each parameter
-const SWAY_SHARE: f64 = 0.6;
-
-/// A random pose near the reference pose, turned farther by some radians, with the soles on the floor
-fn sway(
-    avatar: &Avatar,
-    turn: TurnAngle,
-    turned_more: f64,
-    scale: f64,
-    random: &mut Random,
-) -> Pose {
-    let sigmas = Pose::prior_sigmas();
-    let parameters = std::array::from_fn(|i| {
-        // beyond two deviations nobody calls it standing still
-        random.normal().clamp(-2.0, 2.0) * sigmas[i] * scale * SWAY_SHARE
-    });
-    let mut pose = Pose::from_parameters(&parameters);
-    let root = &mut pose.rotations[Bone::Root as usize];
-    *root = (DQuat::from_scaled_axis(*root) * DQuat::from_rotation_y(turned_more)).to_scaled_axis();
-    let posed = pose_bones(&avatar.bone_heads, &pose, turn);
-    let lowest = posed
-        .skin(&avatar.mesh.positions, &avatar.weights)
-        .iter()
-        .fold(f64::INFINITY, |low, p| low.min(p.y));
-    if lowest.is_finite() {
-        pose.shift_mm.y -= lowest;
-    }
-    pose
 }
 
 /// Keypoints as a detector would report them: noisy, less sure of what is hidden
