@@ -7,7 +7,8 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use glam::DVec2;
-use pirouette_geom::{Grid, Mask};
+use pirouette_geom::Mask;
+use pirouette_segment::border::sharpen;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use thiserror::Error;
@@ -185,10 +186,21 @@ fn write_view(
     let folder = folder.join("views").join(&view.name);
     make_folder(&folder)?;
     let silhouette = &found.silhouette;
-    let mask = in_input_size(view, &silhouette.mask, || Cow::Borrowed(&silhouette.soft));
+    let mask = in_input_size(view, &silhouette.mask, |width, height| {
+        let mask = resample_mask(&silhouette.soft, width, height, 0.5);
+        // What was found in a smaller copy of the photo ends where the photo itself says.
+        let found_here = silhouette.seeds.is_some();
+        let photo = found_here.then(|| loaded.whole_photo(found.index));
+        match photo.flatten() {
+            Some(photo) => sharpen(&photo, &mask),
+            None => mask,
+        }
+    });
     write_mask(&folder.join("mask.png"), &mask)?;
     if let Some(normalized) = &found.normalized {
-        let mask = in_input_size(view, &normalized.mask, || Cow::Owned(normalized.soft()));
+        let mask = in_input_size(view, &normalized.mask, |width, height| {
+            resample_mask(&normalized.soft(), width, height, 0.5)
+        });
         write_mask(&folder.join("normalized.png"), &mask)?;
     }
     let overlay = draw_overlay(view, report, found);
@@ -256,17 +268,17 @@ fn all_warnings(loaded: &LoadedScan, report: &Report) -> impl Iterator<Item = Wa
     scan_warnings.chain(report.warnings.iter().cloned())
 }
 
-/// A silhouette at the size of the photo as given; where this is not the working size, the soft one decides
+/// A silhouette at the size of the photo as given; where this is not the working size, it is `scaled`
 fn in_input_size<'a>(
     view: &View,
     mask: &'a Mask,
-    soft: impl FnOnce() -> Cow<'a, Grid<f32>>,
+    scaled: impl FnOnce(usize, usize) -> Mask,
 ) -> Cow<'a, Mask> {
     let (width, height) = view.input_size_px;
     if (mask.width(), mask.height()) == (width, height) {
         Cow::Borrowed(mask)
     } else {
-        Cow::Owned(resample_mask(&soft(), width, height, 0.5))
+        Cow::Owned(scaled(width, height))
     }
 }
 

@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use crate::io::manifest::{self, Manifest, ManifestView};
-use crate::scan::{CameraSetup, Scan, StatureFrom, View};
+use crate::io::photo::decode_photo;
+use crate::scan::{CameraSetup, Photo, Scan, StatureFrom, View};
 use crate::units::TurnAngle;
 use view::{LoadedView, keypoint_places, load_view};
 
@@ -72,6 +73,19 @@ pub struct LoadedScan {
     pub failed: Vec<FailedView>,
     /// What was decided without being asked
     pub warnings: Vec<ScanWarning>,
+    /// The photo file of each view that can be used
+    files: Vec<PathBuf>,
+}
+
+impl LoadedScan {
+    /// Reads the photo of a view again at the size that it was given at; `None` when it is not there as before
+    pub fn whole_photo(&self, view: usize) -> Option<Photo> {
+        let (file, view) = (self.files.get(view)?, self.scan.views.get(view)?);
+        let bytes = read_plain(file, view::MAX_PHOTO_BYTES).ok()?;
+        let photo = decode_photo(&bytes).ok()?.photo;
+        let size = (photo.width(), photo.height());
+        (size == view.input_size_px).then_some(photo)
+    }
 }
 
 /// A view that could not be loaded
@@ -130,6 +144,7 @@ pub fn load_scan(folder: &Path, options: &LoadOptions) -> Result<LoadedScan, Sca
         refuse_other_shapes(&mut loaded);
     }
     let (mut views, mut failed, mut fields_of_view) = (Vec::new(), Vec::new(), Vec::new());
+    let mut files = Vec::new();
     for (index, (entry, result)) in entries.iter().zip(loaded).enumerate() {
         let name = manifest::stem(&entry.image);
         let turn = turn(index);
@@ -142,6 +157,7 @@ pub fn load_scan(folder: &Path, options: &LoadOptions) -> Result<LoadedScan, Sca
                     });
                 }
                 fields_of_view.extend(loaded.vertical_fov_radians);
+                files.push(folder.file(&entry.image));
                 views.push(View {
                     name,
                     photo: loaded.photo,
@@ -177,6 +193,7 @@ pub fn load_scan(folder: &Path, options: &LoadOptions) -> Result<LoadedScan, Sca
         },
         failed,
         warnings,
+        files,
     })
 }
 
@@ -219,22 +236,25 @@ impl Folder<'_> {
         Ok(())
     }
 
-    /// The content of a plain file of at most `limit` bytes
     fn read(&self, name: &str, limit: u64) -> io::Result<Vec<u8>> {
-        let path = self.file(name);
-        // A pipe would block, a device never end.
-        if !fs::metadata(&path)?.is_file() {
-            return Err(io::Error::other("not a plain file"));
-        }
-        let mut bytes = Vec::new();
-        fs::File::open(&path)?
-            .take(limit + 1)
-            .read_to_end(&mut bytes)?;
-        if bytes.len() as u64 > limit {
-            return Err(io::Error::from(io::ErrorKind::FileTooLarge));
-        }
-        Ok(bytes)
+        read_plain(&self.file(name), limit)
     }
+}
+
+/// The content of a plain file of at most `limit` bytes
+fn read_plain(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    // A pipe would block, a device never end.
+    if !fs::metadata(path)?.is_file() {
+        return Err(io::Error::other("not a plain file"));
+    }
+    let mut bytes = Vec::new();
+    fs::File::open(path)?
+        .take(limit + 1)
+        .read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit {
+        return Err(io::Error::from(io::ErrorKind::FileTooLarge));
+    }
+    Ok(bytes)
 }
 
 fn read_manifest(folder: &Folder) -> Result<Manifest, ScanError> {

@@ -143,6 +143,15 @@ fn large_photos_are_shrunk_with_their_keypoints() {
     assert_eq!(view.input_size_px, (80, 100));
     let nose = view.keypoints.get(Joint::Nose).position;
     assert!((nose.x - 5.0).abs() < 1e-9);
+    // The whole photo can be had while its file is as it was.
+    let whole = loaded.whole_photo(0).unwrap();
+    assert_eq!((whole.width(), whole.height()), (80, 100));
+    assert_eq!(whole[(3, 60)], [3, 60, 7]);
+    assert!(loaded.whole_photo(1).is_none());
+    folder.photo("0.png", 81, 100);
+    assert!(loaded.whole_photo(0).is_none());
+    folder.write("0.png", "gone");
+    assert!(loaded.whole_photo(0).is_none());
 }
 
 #[test]

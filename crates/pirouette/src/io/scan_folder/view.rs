@@ -12,7 +12,7 @@ use crate::scan::Photo;
 use crate::skeleton::Keypoints;
 
 /// Longest photo file that is read, in bytes
-const MAX_PHOTO_BYTES: u64 = 512 << 20;
+pub(super) const MAX_PHOTO_BYTES: u64 = 512 << 20;
 
 /// What the files of one view hold
 pub(super) struct LoadedView {
