@@ -11,7 +11,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use pirouette::carve::{CarveOptions, carve_beside_avatar};
 use pirouette::fit::{FitOptions, FitPrior, FitView, fit_body};
 use pirouette::geom::arap::{ArapOptions, ArapSolver};
-use pirouette::geom::contour::{trace_contours, trace_outline};
+use pirouette::geom::contour::{trace_contours, trace_windowed};
 use pirouette::geom::distance_map::signed_distance;
 use pirouette::geom::planar_mesh::{TriangulateOptions, triangulate};
 use pirouette::measure::{MeasureInput, MeasureView, measure};
@@ -53,7 +53,7 @@ fn planar_geometry(c: &mut Criterion) {
         b.iter(|| trace_contours(&silhouette.mask));
     });
     c.bench_function("outline of the soft silhouette", |b| {
-        b.iter(|| trace_outline(&silhouette.soft, 0.5));
+        b.iter(|| trace_windowed(&silhouette.soft, 0.5));
     });
     let (contours, spread) = stages.outline_with_handles(0);
     let options = TriangulateOptions::default();
@@ -128,7 +128,7 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
     let fitted = fit();
     let outlines: Vec<OutlineMap> = views
         .iter()
-        .map(|view| OutlineMap::new(view.silhouette, OutlineMap::NEAR_PX))
+        .map(|view| OutlineMap::new(&view.silhouette.whole(), OutlineMap::NEAR_PX))
         .collect();
     let views: Vec<MeasureView> = views
         .iter()

@@ -345,7 +345,7 @@ fn segment_photo(
                 return silhouette.mask.iou(&truth);
             }
             // The photo was shrunk.
-            let soft = resample(&silhouette.soft, truth.width(), truth.height());
+            let soft = resample(&silhouette.soft.whole(), truth.width(), truth.height());
             soft.threshold(0.5).iou(&truth)
         })
     }))

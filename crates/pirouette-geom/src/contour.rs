@@ -11,7 +11,7 @@ mod simplify;
 mod widen;
 
 pub use border::{Border, trace_borders, trace_contours};
-pub use outline::trace_outline;
+pub use outline::{trace_outline, trace_windowed};
 pub use simplify::{simplified_indices, simplify};
 pub use widen::widen_border;
 

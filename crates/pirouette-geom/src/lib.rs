@@ -20,5 +20,5 @@ pub mod sparse;
 pub mod tri_mesh;
 pub mod triangle_sides;
 
-pub use raster::{Grid, Mask};
+pub use raster::{Grid, Mask, Windowed};
 pub use tri_mesh::TriMesh;

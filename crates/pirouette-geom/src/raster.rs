@@ -256,6 +256,64 @@ impl Grid<f32> {
     }
 }
 
+/// A raster that is zero all around a window, of which it keeps no more
+///
+/// A silhouette takes a third of its photo.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Windowed<T> {
+    size: (usize, usize),
+    corner: (usize, usize),
+    window: Grid<T>,
+}
+
+impl<T: Clone + Default + PartialEq> Windowed<T> {
+    /// Keeps the values that are not zero, and a ring of zeros around them as far as the raster reaches
+    pub fn new(whole: &Grid<T>) -> Self {
+        let zero = T::default();
+        let size = (whole.width, whole.height);
+        let filled = whole.bounding_box_where(|value| *value != zero);
+        let (x0, y0, x1, y1) = filled.unwrap_or_default();
+        let (x0, y0) = (x0.saturating_sub(1), y0.saturating_sub(1));
+        let (x1, y1) = ((x1 + 1).min(size.0), (y1 + 1).min(size.1));
+        Self {
+            size,
+            corner: (x0, y0),
+            window: whole.crop(x0, y0, x1 - x0, y1 - y0),
+        }
+    }
+
+    /// Columns of the whole raster
+    pub fn width(&self) -> usize {
+        self.size.0
+    }
+
+    /// Rows of the whole raster
+    pub fn height(&self) -> usize {
+        self.size.1
+    }
+
+    /// Column and row at which the window starts
+    pub fn corner(&self) -> (usize, usize) {
+        self.corner
+    }
+
+    /// What is kept
+    pub fn window(&self) -> &Grid<T> {
+        &self.window
+    }
+
+    /// The whole raster
+    pub fn whole(&self) -> Grid<T> {
+        let mut whole = Grid::filled(self.size.0, self.size.1, T::default());
+        let (x0, y0) = self.corner;
+        for y in 0..self.window.height {
+            let row = &mut whole.row_mut(y0 + y)[x0..x0 + self.window.width];
+            row.clone_from_slice(self.window.row(y));
+        }
+        whole
+    }
+}
+
 impl<T: fmt::Debug> fmt::Debug for Grid<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Grid({} x {})", self.width, self.height)
@@ -281,6 +339,22 @@ mod tests {
         let mask = Mask::from_art(".#. ###");
         assert_eq!(mask.to_art(), ".#.\n###\n");
         assert_eq!(mask.bounding_box(), Some((0, 0, 3, 2)));
+    }
+
+    #[test]
+    fn a_windowed_raster_is_whole_again() {
+        for art in ["..... ..#.. .##.. ..... .....", "#. ..", "... ...", ""] {
+            let whole = Mask::from_art(art);
+            let windowed = Windowed::new(&whole);
+            assert_eq!(
+                (windowed.width(), windowed.height()),
+                (whole.width(), whole.height())
+            );
+            assert_eq!(windowed.whole(), whole);
+        }
+        let windowed = Windowed::new(&Mask::from_art("...... ...... ....#. ......"));
+        assert_eq!(windowed.corner(), (3, 1));
+        assert_eq!(windowed.window().to_art(), "...\n.#.\n...\n");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use glam::DVec2;
 use pirouette::avatar::render::SilhouetteMesh;
 use pirouette::geom::morphology::dilate;
-use pirouette::geom::{Grid, Mask};
+use pirouette::geom::{Grid, Mask, Windowed};
 use pirouette::normalize::deform::{
     ContourSource, DeformError, DeformOptions, DeformableSilhouette, fill_contours, handles,
     trace_silhouette,
@@ -267,14 +267,12 @@ fn carried(
     variant: &Variant,
 ) -> Result<Grid<f32>, DeformError> {
     let mask = coverage.threshold(0.5);
-    let hard;
     let soft = if variant.soft {
-        coverage
+        Windowed::new(coverage)
     } else {
-        hard = mask.map(|&inside| f32::from(u8::from(inside)));
-        &hard
+        Windowed::new(&mask.map(|&inside| f32::from(u8::from(inside))))
     };
-    let contours = trace_silhouette(&mask, soft, variant.options.contour);
+    let contours = trace_silhouette(&mask, &soft, variant.options.contour);
     let handles = handles(from, to, |_| true);
     let silhouette = DeformableSilhouette::new(&contours, &handles.sources, &variant.options)?;
     let deformed = silhouette.deform(&handles.targets);

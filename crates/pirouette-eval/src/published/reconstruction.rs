@@ -241,7 +241,10 @@ fn hull(case: Case, scan: &SyntheticScan, report: &Report) -> Option<TriMesh> {
         .filter_map(|view| {
             let soft = &view.silhouette.soft;
             let Some(options) = case.options() else {
-                return Some((view.index, OutlineMap::new(soft, OutlineMap::FAR_PX)));
+                return Some((
+                    view.index,
+                    OutlineMap::new(&soft.whole(), OutlineMap::FAR_PX),
+                ));
             };
             let (turn, camera) = (bundle.turns[view.index], &bundle.cameras[view.index]);
             let pose = &bundle.poses[view.index];

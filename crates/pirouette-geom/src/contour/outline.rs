@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 use super::Contour;
-use crate::Grid;
+use crate::{Grid, Windowed};
 
 /// Loop points keep this distance from pixel centers, in px
 ///
@@ -34,7 +34,17 @@ const BEYOND: f32 = f32::NEG_INFINITY;
 /// assert!((right - (1.5 + 0.5 / 0.75)).abs() < 1e-6);
 /// ```
 pub fn trace_outline(values: &Grid<f32>, level: f32) -> Vec<Contour> {
-    let field = Field::new(values, level);
+    trace_part(values, (0, 0), level)
+}
+
+/// The same of a raster that is kept in part; its zeros are outside: the level must be above zero
+pub fn trace_windowed(values: &Windowed<f32>, level: f32) -> Vec<Contour> {
+    debug_assert!(level > 0.0, "what is not kept is outside");
+    trace_part(values.window(), values.corner(), level)
+}
+
+fn trace_part(values: &Grid<f32>, corner: (usize, usize), level: f32) -> Vec<Contour> {
+    let field = Field::new(values, corner, level);
     let mut visited = vec![false; field.values.len()];
     let mut loops = Vec::new();
     for y in 1..=values.height() {
@@ -56,6 +66,8 @@ pub fn trace_outline(values: &Grid<f32>, level: f32) -> Vec<Contour> {
 struct Field {
     values: Vec<f32>,
     width: usize,
+    /// Column and row at which the raster starts
+    corner: (usize, usize),
     level: f32,
     /// Offsets right, down, left, up: each a clockwise quarter turn on screen from the one before
     steps: [isize; 4],
@@ -64,7 +76,7 @@ struct Field {
 const LEFT: usize = 2;
 
 impl Field {
-    fn new(grid: &Grid<f32>, level: f32) -> Self {
+    fn new(grid: &Grid<f32>, corner: (usize, usize), level: f32) -> Self {
         let width = grid.width() + 2;
         let mut values = vec![BEYOND; width * (grid.height() + 2)];
         for y in 0..grid.height() {
@@ -75,6 +87,7 @@ impl Field {
         Self {
             values,
             width,
+            corner,
             level,
             steps: [1, w, -1, -w],
         }
@@ -146,7 +159,8 @@ impl Field {
 
     fn center(&self, at: usize) -> DVec2 {
         let (x, y) = (at % self.width, at / self.width);
-        DVec2::new(x as f64 - 0.5, y as f64 - 0.5)
+        let (x0, y0) = self.corner;
+        DVec2::new((x0 + x) as f64 - 0.5, (y0 + y) as f64 - 0.5)
     }
 }
 
@@ -251,6 +265,15 @@ mod tests {
         ) {
             let grid = Grid::from_fn(width, height, |x, y| values[y * 9 + x]);
             let loops = trace_outline(&grid, 0.5);
+            prop_assert_eq!(&trace_windowed(&Windowed::new(&grid), 0.5), &loops);
+            // The same a little into a larger picture
+            let around = |left: usize, up: usize| Grid::from_fn(width + 7, height + 7, |x, y| {
+                let at = (x.wrapping_sub(left) as isize, y.wrapping_sub(up) as isize);
+                grid.get(at.0, at.1).copied().unwrap_or(0.0)
+            });
+            for larger in [around(0, 4), around(5, 3)] {
+                prop_assert_eq!(trace_windowed(&Windowed::new(&larger), 0.5), trace_outline(&larger, 0.5));
+            }
             for y in 0..height {
                 for x in 0..width {
                     let center = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);

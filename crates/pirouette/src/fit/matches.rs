@@ -1,7 +1,7 @@
 //! Which vertex of the posed surface explains which point of a photo's outline.
 
 use glam::DVec3;
-use pirouette_geom::Grid;
+use pirouette_geom::Windowed;
 use rayon::prelude::*;
 
 use super::outline::{EdgePoint, PointIndex, SPACING, trace};
@@ -34,7 +34,7 @@ pub(super) struct Outline {
 
 impl Outline {
     /// Traces a soft silhouette in which a nominal pixel is `unit_px` large
-    pub(super) fn new(soft: &Grid<f32>, unit_px: f64) -> Self {
+    pub(super) fn new(soft: &Windowed<f32>, unit_px: f64) -> Self {
         let points = trace(soft, unit_px);
         Self {
             index: PointIndex::new(&points, unit_px),

@@ -17,7 +17,7 @@ mod surface;
 mod targets;
 
 use glam::{DVec2, DVec3};
-use pirouette_geom::Grid;
+use pirouette_geom::Windowed;
 use pirouette_geom::coarsen::Blend;
 use rayon::prelude::*;
 
@@ -45,7 +45,7 @@ pub(crate) const NOMINAL_STATURE_PX: f64 = 800.0;
 #[derive(Debug, Clone, Copy)]
 pub struct FitView<'a> {
     /// Soft silhouette of the person, 1 inside
-    pub silhouette: &'a Grid<f32>,
+    pub silhouette: &'a Windowed<f32>,
     /// Detected joints
     pub keypoints: &'a Keypoints,
     /// The camera that saw it
@@ -419,7 +419,9 @@ fn overlaps(fitted: &Avatar, views: &[FitView], poses: &[Pose]) -> Vec<f64> {
             let posed = pose_bones(&fitted.bone_heads, pose, view.turn);
             let positions = posed.skin(&fitted.mesh.positions, &fitted.weights);
             let coverage = mesh.silhouette(&positions, &view.camera);
-            coverage.threshold(0.5).iou(&view.silhouette.threshold(0.5))
+            coverage
+                .threshold(0.5)
+                .iou(&view.silhouette.whole().threshold(0.5))
         })
         .collect()
 }

@@ -1,8 +1,8 @@
 //! The outline of a silhouette as points with normals, and which of them lies nearest.
 
 use glam::DVec2;
-use pirouette_geom::Grid;
-use pirouette_geom::contour::trace_outline;
+use pirouette_geom::Windowed;
+use pirouette_geom::contour::trace_windowed;
 
 /// Points along the outline are this far apart, in nominal px
 ///
@@ -27,9 +27,9 @@ pub(super) struct EdgePoint {
 }
 
 /// Traces all loops of a soft silhouette, holes too; a nominal pixel is `unit_px` large
-pub(super) fn trace(soft: &Grid<f32>, unit_px: f64) -> Vec<EdgePoint> {
+pub(super) fn trace(soft: &Windowed<f32>, unit_px: f64) -> Vec<EdgePoint> {
     let mut points = Vec::new();
-    for contour in trace_outline(soft, 0.5) {
+    for contour in trace_windowed(soft, 0.5) {
         if contour.perimeter() < MIN_LOOP * unit_px {
             continue;
         }
@@ -226,7 +226,7 @@ mod tests {
         let mut hole = square(40.0, 60.0);
         hole.reverse();
         let soft = fill_polygons(100, 100, &[square(10.0, 90.0), hole]);
-        let points = trace(&soft, 1.0);
+        let points = trace(&Windowed::new(&soft), 1.0);
         assert!(points.len() > 200);
         let center = DVec2::splat(50.0);
         for point in &points {

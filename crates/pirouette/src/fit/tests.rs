@@ -6,10 +6,11 @@ use crate::avatar::render::silhouette;
 use crate::measure::Girth;
 use crate::skeleton::Keypoint;
 use crate::synthetic::{Random, SyntheticOptions};
+use pirouette_geom::Grid;
 
 /// What cameras see of a figure, without photos
 struct Seen {
-    silhouettes: Vec<Grid<f32>>,
+    silhouettes: Vec<Windowed<f32>>,
     keypoints: Vec<Keypoints>,
     turns: Vec<TurnAngle>,
     camera: Camera,
@@ -36,7 +37,7 @@ impl Seen {
                 keypoints.set(joint, keypoint);
             }
             (
-                silhouette(&positions, &figure.mesh.triangles, &camera),
+                Windowed::new(&silhouette(&positions, &figure.mesh.triangles, &camera)),
                 keypoints,
             )
         });
@@ -191,8 +192,8 @@ fn two_views_and_empty_silhouettes_still_give_a_closed_body() {
     let fit = seen.fit(&truth, &quick());
     fit.avatar.mesh.check().unwrap();
     assert!(mean_distance(&fit.avatar, &truth) < 2.0);
-    seen.silhouettes[1] = Grid::filled(320, 400, 0.0);
-    seen.silhouettes[0] = Grid::filled(320, 400, f32::NAN);
+    seen.silhouettes[1] = Windowed::new(&Grid::filled(320, 400, 0.0));
+    seen.silhouettes[0] = Windowed::new(&Grid::filled(320, 400, f32::NAN));
     let fit = seen.fit(&truth, &quick());
     fit.avatar.check().unwrap();
     assert_eq!(

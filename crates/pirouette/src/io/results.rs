@@ -187,7 +187,7 @@ fn write_view(
     make_folder(&folder)?;
     let silhouette = &found.silhouette;
     let mask = in_input_size(view, &silhouette.mask, |width, height| {
-        let mask = resample_mask(&silhouette.soft, width, height, 0.5);
+        let mask = resample_mask(&silhouette.soft.whole(), width, height, 0.5);
         // What was found in a smaller copy of the photo ends where the photo itself says.
         let found_here = silhouette.seeds.is_some();
         let photo = found_here.then(|| loaded.whole_photo(found.index));

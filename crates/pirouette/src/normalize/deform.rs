@@ -6,12 +6,12 @@
 
 use glam::DVec2;
 use pirouette_geom::arap::{ArapError, ArapOptions, ArapSolver, Deformation};
-use pirouette_geom::contour::{Contour, trace_borders, trace_outline, widen_border};
+use pirouette_geom::contour::{Contour, trace_borders, trace_windowed, widen_border};
 use pirouette_geom::coverage::fill_edges;
 use pirouette_geom::planar_mesh::{
     PlanarMesh, TriangulateError, TriangulateOptions, simplify_apart, triangulate,
 };
-use pirouette_geom::{Grid, Mask};
+use pirouette_geom::{Grid, Mask, Windowed};
 
 use super::JointPositions;
 use crate::skeleton::{Bone, Joint};
@@ -197,9 +197,9 @@ pub fn handles(from: &JointPositions, to: &JointPositions, used: impl Fn(Bone) -
 ///
 /// # Source
 /// Border following: Suzuki & Abe 1985, for [`ContourSource::BorderPixels`].
-pub fn trace_silhouette(mask: &Mask, soft: &Grid<f32>, source: ContourSource) -> Vec<Contour> {
+pub fn trace_silhouette(mask: &Mask, soft: &Windowed<f32>, source: ContourSource) -> Vec<Contour> {
     match source {
-        ContourSource::Outline => largest_with_holes(trace_outline(soft, 0.5)),
+        ContourSource::Outline => largest_with_holes(trace_windowed(soft, 0.5)),
         ContourSource::BorderPixels => {
             let borders = trace_borders(mask);
             let largest = borders

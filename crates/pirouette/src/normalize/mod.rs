@@ -21,7 +21,7 @@ pub mod register;
 use glam::DVec2;
 use pirouette_geom::chain::RigidMotion;
 use pirouette_geom::contour::Contour;
-use pirouette_geom::{Grid, Mask};
+use pirouette_geom::{Grid, Mask, Windowed};
 
 use crate::avatar::Avatar;
 use crate::avatar::render::{SilhouetteMesh, visible_bones};
@@ -62,7 +62,7 @@ pub struct NormalizeView<'a> {
     /// Silhouette in the photo
     pub mask: &'a Mask,
     /// The same with soft borders, 0 to 1; the half level is its outline
-    pub soft: &'a Grid<f32>,
+    pub soft: &'a Windowed<f32>,
     /// Joints as detected, in px of the photo
     pub keypoints: &'a Keypoints,
     /// The shared skeleton in this view; needed by [`NormalizeMethod::SharedSkeleton`] only
@@ -259,8 +259,13 @@ pub fn normalize(
     options: &NormalizeOptions,
 ) -> Result<NormalizedView, NormalizeError> {
     let (width, height) = (view.mask.width(), view.mask.height());
-    check_size("soft silhouette", view.soft, view.mask)?;
-    check_size("reference view", &view.reference.coverage, view.mask)?;
+    let (soft, coverage) = (view.soft, &view.reference.coverage);
+    check_size("soft silhouette", (soft.width(), soft.height()), view.mask)?;
+    check_size(
+        "reference view",
+        (coverage.width(), coverage.height()),
+        view.mask,
+    )?;
 
     let detected = align::detected_joints(view.keypoints);
     let (sources, aligned) = match options.method {
@@ -343,14 +348,18 @@ pub fn normalize(
     })
 }
 
-fn check_size(raster: &'static str, grid: &Grid<f32>, mask: &Mask) -> Result<(), NormalizeError> {
-    if grid.same_size(mask) {
+fn check_size(
+    raster: &'static str,
+    (width, height): (usize, usize),
+    mask: &Mask,
+) -> Result<(), NormalizeError> {
+    if (width, height) == (mask.width(), mask.height()) {
         return Ok(());
     }
     Err(NormalizeError::SizeMismatch {
         raster,
-        width: grid.width(),
-        height: grid.height(),
+        width,
+        height,
         mask_width: mask.width(),
         mask_height: mask.height(),
     })

@@ -74,7 +74,7 @@ fn normalized(joints: &Joints, options: &NormalizeOptions) -> NormalizedView {
     let reference = reference();
     let view = NormalizeView {
         mask: &mask,
-        soft: &soft,
+        soft: &Windowed::new(&soft),
         keypoints: &keypoints(joints),
         skeleton: Some(&SkeletonJoints {
             photo: *joints,
@@ -152,7 +152,7 @@ fn hidden_bones_are_no_handles_in_the_published_method() {
     reference.visible = Some(visible);
     let view = NormalizeView {
         mask: &mask,
-        soft: &soft,
+        soft: &Windowed::new(&soft),
         keypoints: &keypoints(&swayed()),
         skeleton: None,
         outline: None,
@@ -177,7 +177,7 @@ fn a_view_without_keypoints_keeps_its_pose_and_says_so() {
     let reference = reference();
     let view = NormalizeView {
         mask: &mask,
-        soft: &soft,
+        soft: &Windowed::new(&soft),
         keypoints: &Keypoints::default(),
         skeleton: None,
         outline: None,
@@ -201,7 +201,7 @@ fn poison_gives_errors() {
     );
     let view = NormalizeView {
         mask: &empty,
-        soft: &soft,
+        soft: &Windowed::new(&soft),
         keypoints: &poisoned,
         skeleton: None,
         outline: None,
@@ -222,7 +222,7 @@ fn poison_gives_errors() {
     let kept = normalize(
         &NormalizeView {
             mask: &soft.threshold(0.5),
-            soft: &soft,
+            soft: &Windowed::new(&soft),
             ..view
         },
         &NormalizeOptions::three_step(),

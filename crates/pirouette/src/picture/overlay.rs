@@ -1,8 +1,8 @@
 //! One photo with all that was found in it drawn over.
 
 use glam::DVec2;
-use pirouette_geom::Grid;
-use pirouette_geom::contour::trace_outline;
+use pirouette_geom::contour::trace_windowed;
+use pirouette_geom::{Grid, Windowed};
 use pirouette_segment::seeds::Seed;
 
 use super::canvas::{self, Color, Tint, disc, stroke, tint_box};
@@ -18,7 +18,7 @@ pub struct OverlayInput<'a> {
     /// What the segmentation was told, size of the photo
     pub seeds: Option<&'a Grid<Seed>>,
     /// The silhouette as coverage, size of the photo; its half level is drawn
-    pub silhouette: Option<&'a Grid<f32>>,
+    pub silhouette: Option<&'a Windowed<f32>>,
     /// The skeleton as detected
     pub detected: &'a Keypoints,
     /// Where the joints are to go, in px of the photo
@@ -54,9 +54,11 @@ pub fn overlay(input: &OverlayInput) -> Photo {
             }
         }
     }
-    let silhouette = input.silhouette.filter(|s| s.same_size(&photo));
+    let silhouette = input
+        .silhouette
+        .filter(|s| (s.width(), s.height()) == (photo.width(), photo.height()));
     if let Some(silhouette) = silhouette {
-        let edges: Vec<[DVec2; 2]> = trace_outline(silhouette, 0.5)
+        let edges: Vec<[DVec2; 2]> = trace_windowed(silhouette, 0.5)
             .iter()
             .flat_map(|contour| contour.edges().collect::<Vec<_>>())
             .collect();
@@ -171,7 +173,7 @@ mod tests {
         let drawn = overlay(&OverlayInput {
             photo: &photo,
             seeds: Some(&seeds),
-            silhouette: Some(&silhouette),
+            silhouette: Some(&Windowed::new(&silhouette)),
             detected: &detected,
             target: Some(&target),
         });

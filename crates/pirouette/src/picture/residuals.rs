@@ -1,9 +1,9 @@
 //! How well the fitted body explains each photo, and how many photos tell of each part of it.
 
 use glam::DVec2;
-use pirouette_geom::contour::trace_outline;
+use pirouette_geom::contour::trace_windowed;
 use pirouette_geom::distance_map::{bilinear, signed_distance_within};
-use pirouette_geom::{Grid, Mask};
+use pirouette_geom::{Grid, Mask, Windowed};
 use rayon::prelude::*;
 
 use super::canvas::{
@@ -22,7 +22,7 @@ pub struct ResidualView<'a> {
     /// The photo
     pub photo: &'a Photo,
     /// Soft silhouette in the photo
-    pub silhouette: &'a Grid<f32>,
+    pub silhouette: &'a Windowed<f32>,
     /// The same, inside from one half on
     pub mask: &'a Mask,
     /// Silhouette of the fitted body in the pose of this view
@@ -150,18 +150,17 @@ fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f6
     let part = (x0, y0, x1 + MARGIN_PX, y1 + MARGIN_PX);
     let distance_px = signed_distance_within(&part_of(view.body, part), FAR_PX);
     let distance_px = distance_px.map(|d| d.clamp(-FAR_PX, FAR_PX));
-    let silhouette = part_of(view.silhouette, part);
     let corner = DVec2::new(x0 as f64, y0 as f64);
     let mut steps = vec![Vec::new(); 2 * COLOR_STEPS as usize + 1];
     let mut all = Vec::new();
     let (mut sum, mut total) = (0.0, 0.0);
-    for contour in trace_outline(&silhouette, 0.5) {
+    for contour in trace_windowed(view.silhouette, 0.5) {
         for [a, b] in contour.edges() {
-            let off_mm = bilinear(&distance_px, (a + b) / 2.0) * view.mm_per_px;
+            let off_mm = bilinear(&distance_px, (a + b) / 2.0 - corner) * view.mm_per_px;
             if off_mm.is_nan() {
                 continue;
             }
-            let line = [tile_from_photo(a + corner), tile_from_photo(b + corner)];
+            let line = [tile_from_photo(a), tile_from_photo(b)];
             let step = (off_mm / FULL_COLOR_MM).clamp(-1.0, 1.0) * f64::from(COLOR_STEPS);
             steps[(step.round() as i32 + COLOR_STEPS) as usize].push(line);
             all.push(line);
@@ -293,7 +292,7 @@ mod tests {
             name: "a",
             turn: TurnAngle::from_degrees(45.0),
             photo: &photo,
-            silhouette: &silhouette,
+            silhouette: &Windowed::new(&silhouette),
             mask: &silhouette.threshold(0.5),
             body: &upright(body_left).threshold(0.5),
             mm_per_px: 2.0,
@@ -326,7 +325,7 @@ mod tests {
             name: "view",
             turn: TurnAngle::default(),
             photo: &photo,
-            silhouette: &silhouette,
+            silhouette: &Windowed::new(&silhouette),
             mask: &mask,
             body: &body,
             mm_per_px: 2.0,
@@ -366,7 +365,7 @@ mod tests {
                 name: "漢字",
                 turn: TurnAngle::from_degrees(f64::NAN),
                 photo,
-                silhouette,
+                silhouette: &Windowed::new(silhouette),
                 mask: &silhouette.threshold(0.5),
                 body: &body.threshold(0.5),
                 mm_per_px: f64::NAN,

@@ -110,7 +110,8 @@ pub(super) fn normalized_outlines(views: &[ViewReport]) -> Vec<OutlineMap> {
 
 /// Outlines of the photographed silhouettes, in the order of the views
 pub(super) fn photographed_outlines(views: &[ViewReport]) -> Vec<OutlineMap> {
-    let outline = |view: &ViewReport| OutlineMap::new(&view.silhouette.soft, OutlineMap::NEAR_PX);
+    let outline =
+        |view: &ViewReport| OutlineMap::new(&view.silhouette.soft.whole(), OutlineMap::NEAR_PX);
     views.par_iter().map(outline).collect()
 }
 

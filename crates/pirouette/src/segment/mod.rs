@@ -10,7 +10,7 @@ mod prior;
 #[cfg(test)]
 mod tests;
 
-use pirouette_geom::{Grid, Mask};
+use pirouette_geom::{Grid, Mask, Windowed};
 use pirouette_segment::border::{clean, soft_border, tidy_soft};
 use pirouette_segment::grabcut::{GrabCutError, GrabCutOptions, grabcut};
 use pirouette_segment::plate::PlateOptions;
@@ -79,7 +79,7 @@ pub struct Silhouette {
     /// Pixels that are at least half person
     pub mask: Mask,
     /// Share of each pixel that is person, 0 to 1; its 0.5 level is the outline
-    pub soft: Grid<f32>,
+    pub soft: Windowed<f32>,
     /// What was known beforehand; `None` for a given mask
     pub seeds: Option<Grid<Seed>>,
     /// Whether the avatar's outline was used
@@ -190,7 +190,7 @@ pub fn segment(
             }
             Ok(Silhouette {
                 mask,
-                soft,
+                soft: Windowed::new(&soft),
                 prior_used: prepared.odds.is_some(),
                 seeds: (!prepared.given).then_some(prepared.seeds),
             })

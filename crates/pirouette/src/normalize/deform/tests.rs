@@ -1,4 +1,5 @@
 use super::*;
+use pirouette_geom::contour::trace_outline;
 use pirouette_geom::coverage::fill_polygons;
 use proptest::prelude::*;
 
@@ -14,8 +15,8 @@ pub(in crate::normalize) fn capsule(from: DVec2, to: DVec2, radius: f64) -> Vec<
         .collect()
 }
 
-fn soft_of(mask: &Mask) -> Grid<f32> {
-    mask.map(|&v| f32::from(u8::from(v)))
+fn soft_of(mask: &Mask) -> Windowed<f32> {
+    Windowed::new(&mask.map(|&v| f32::from(u8::from(v))))
 }
 
 fn area(soft: &Grid<f32>) -> f64 {
@@ -40,7 +41,7 @@ fn a_silhouette_whose_handles_stay_comes_back_unchanged() {
     let mask = soft.threshold(0.5);
     let handles = [DVec2::new(40.0, 60.0), DVec2::new(90.0, 61.0)];
     for source in [ContourSource::Outline, ContourSource::BorderPixels] {
-        let contours = trace_silhouette(&mask, &soft, source);
+        let contours = trace_silhouette(&mask, &Windowed::new(&soft), source);
         assert_eq!(contours.iter().filter(|c| c.hole).count(), 1);
         let prepared =
             DeformableSilhouette::new(&contours, &handles, &DeformOptions::default()).unwrap();
@@ -133,7 +134,7 @@ fn nothing_in_gives_an_error_not_a_panic() {
         let mask = Mask::filled(width, height, false);
         let poison = mask.map(|_| f32::NAN);
         for source in [ContourSource::Outline, ContourSource::BorderPixels] {
-            let contours = trace_silhouette(&mask, &poison, source);
+            let contours = trace_silhouette(&mask, &Windowed::new(&poison), source);
             let made = DeformableSilhouette::new(&contours, &[], &DeformOptions::default());
             assert_eq!(made.err(), Some(DeformError::Empty));
         }
