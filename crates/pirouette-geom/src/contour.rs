@@ -17,6 +17,27 @@ pub use widen::widen_border;
 
 use glam::DVec2;
 
+/// The point of a segment nearest to a point
+///
+/// # Examples
+/// ```
+/// use glam::DVec2;
+/// use pirouette_geom::contour::nearest_on_segment;
+/// let (from, to) = (DVec2::new(1.0, 1.0), DVec2::new(5.0, 1.0));
+/// assert_eq!(nearest_on_segment(DVec2::new(2.0, 9.0), from, to), DVec2::new(2.0, 1.0));
+/// assert_eq!(nearest_on_segment(DVec2::new(8.0, 3.0), from, to), to);
+/// assert_eq!(nearest_on_segment(DVec2::ZERO, from, from), from);
+/// ```
+pub fn nearest_on_segment(p: DVec2, from: DVec2, to: DVec2) -> DVec2 {
+    let along = to - from;
+    let length_squared = along.length_squared();
+    if length_squared > 0.0 {
+        from + along * ((p - from).dot(along) / length_squared).clamp(0.0, 1.0)
+    } else {
+        from
+    }
+}
+
 /// A closed polyline in pixels; the last point joins the first
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Contour {

@@ -1,7 +1,7 @@
 //! Signed distance to a silhouette's outline, exact to fractions of a pixel near it.
 
 use glam::DVec2;
-use pirouette_geom::contour::trace_outline;
+use pirouette_geom::contour::{nearest_on_segment, trace_outline};
 use pirouette_geom::distance_map::signed_distance_within;
 use pirouette_geom::{Grid, Mask};
 
@@ -209,7 +209,7 @@ fn distances_to_outline(soft: &Grid<f32>) -> Grid<f32> {
             for y in lo.y as usize..y_end {
                 for x in lo.x as usize..x_end {
                     let center = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-                    let distance = distance_to_segment(center, a, b);
+                    let distance = center.distance(nearest_on_segment(center, a, b));
                     if distance <= EXACT_PX {
                         let slot = &mut distances[(x, y)];
                         *slot = slot.min(distance as f32);
@@ -219,17 +219,6 @@ fn distances_to_outline(soft: &Grid<f32>) -> Grid<f32> {
         }
     }
     distances
-}
-
-fn distance_to_segment(p: DVec2, a: DVec2, b: DVec2) -> f64 {
-    let along = b - a;
-    let length_squared = along.length_squared();
-    let t = if length_squared > 0.0 {
-        ((p - a).dot(along) / length_squared).clamp(0.0, 1.0)
-    } else {
-        0.0
-    };
-    p.distance(a + along * t)
 }
 
 /// Gives distances their sign, and takes those that are not known exactly from the map of whole pixels

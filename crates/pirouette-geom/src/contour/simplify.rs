@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use super::Contour;
+use super::{Contour, nearest_on_segment};
 
 /// Removes points that lie within `tolerance_px` of the line through the points that stay
 ///
@@ -97,24 +97,14 @@ fn farthest_between(
     let mut best = None;
     let mut farthest = tolerance_px * tolerance_px;
     for i in start + 1..end {
-        let distance = distance_squared_to_segment(points[i], points[start], points[end]);
+        let distance =
+            points[i].distance_squared(nearest_on_segment(points[i], points[start], points[end]));
         if distance > farthest {
             farthest = distance;
             best = Some(i);
         }
     }
     best
-}
-
-fn distance_squared_to_segment(p: DVec2, a: DVec2, b: DVec2) -> f64 {
-    let along = b - a;
-    let length_squared = along.length_squared();
-    let t = if length_squared > 0.0 {
-        ((p - a).dot(along) / length_squared).clamp(0.0, 1.0)
-    } else {
-        0.0
-    };
-    p.distance_squared(a + t * along)
 }
 
 #[cfg(test)]
@@ -183,7 +173,7 @@ mod tests {
             for p in &blob.points {
                 let nearest = simple
                     .edges()
-                    .map(|[a, b]| distance_squared_to_segment(*p, a, b).sqrt())
+                    .map(|[a, b]| p.distance(nearest_on_segment(*p, a, b)))
                     .fold(f64::INFINITY, f64::min);
                 prop_assert!(nearest <= tolerance + 1e-9);
             }

@@ -3,8 +3,7 @@
 use glam::DVec2;
 
 use super::arrange::{GridPoint, meeting, overlapping_boxes, to_grid};
-use super::near::distance_to_segment;
-use crate::contour::{Contour, simplified_indices};
+use crate::contour::{Contour, nearest_on_segment, simplified_indices};
 
 /// Simplifies contours like [`crate::contour::simplify`], more finely where lines would cross or touch
 ///
@@ -77,7 +76,8 @@ fn refine_meetings(contours: &[Contour], stays: &mut [Vec<usize>]) -> bool {
 fn farthest_between(points: &[DVec2], from: usize, to: usize) -> Option<usize> {
     let count = (to + points.len() - from) % points.len();
     let between = (1..count).map(|step| (from + step) % points.len());
-    let distance = |i: usize| distance_to_segment(points[i], points[from], points[to]);
+    let distance =
+        |i: usize| points[i].distance(nearest_on_segment(points[i], points[from], points[to]));
     between.max_by(|&i, &j| distance(i).total_cmp(&distance(j)))
 }
 

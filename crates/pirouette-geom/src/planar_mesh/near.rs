@@ -2,6 +2,8 @@
 
 use glam::DVec2;
 
+use crate::contour::nearest_on_segment;
+
 /// Cells per expected segment at most: more are slower to make than to look through
 const CELLS_PER_SEGMENT: f64 = 4.0;
 
@@ -91,7 +93,7 @@ impl SegmentIndex {
             .flat_map(move |cell| {
                 std::iter::successors(entry(self.last[cell]), move |e| entry(e.before))
             })
-            .filter(move |e| distance_to_segment(p, e.ends[0], e.ends[1]) < radius)
+            .filter(move |e| p.distance(nearest_on_segment(p, e.ends[0], e.ends[1])) < radius)
             .map(|e| e.order)
     }
 
@@ -102,18 +104,6 @@ impl SegmentIndex {
             (at.x as usize).min(self.columns - 1),
             (at.y as usize).min(self.rows - 1),
         )
-    }
-}
-
-/// Distance of a point from a segment
-pub(crate) fn distance_to_segment(p: DVec2, a: DVec2, b: DVec2) -> f64 {
-    let along = b - a;
-    let length_squared = along.length_squared();
-    if length_squared > 0.0 {
-        let t = ((p - a).dot(along) / length_squared).clamp(0.0, 1.0);
-        p.distance(a + along * t)
-    } else {
-        p.distance(a)
     }
 }
 
@@ -142,7 +132,7 @@ mod tests {
                 let p = DVec2::from_array(p);
                 let first = segments
                     .iter()
-                    .position(|&[a, b]| distance_to_segment(p, a, b) < radius);
+                    .position(|&[a, b]| p.distance(nearest_on_segment(p, a, b)) < radius);
                 prop_assert_eq!(index.any_within(p, radius), first.is_some());
                 prop_assert_eq!(index.first_within(p, radius), first);
             }

@@ -1,5 +1,5 @@
 use super::*;
-use near::distance_to_segment;
+use crate::contour::nearest_on_segment;
 use proptest::prelude::*;
 
 fn contour(points: &[[f64; 2]]) -> Contour {
@@ -217,7 +217,7 @@ proptest! {
             let p = DVec2::new(f64::from(i % 25) * 0.4 - 0.517, f64::from(i / 25) * 0.4 - 0.53);
             let at_edge = contours.iter().any(|c| {
                 let next = c.points.iter().cycle().skip(1);
-                c.points.iter().zip(next).any(|(&a, &b)| distance_to_segment(p, a, b) < 0.02)
+                c.points.iter().zip(next).any(|(&a, &b)| p.distance(nearest_on_segment(p, a, b)) < 0.02)
             });
             if !at_edge {
                 prop_assert_eq!(covers(mesh, p), winding_reference(&contours, p) != 0, "{}", p);
