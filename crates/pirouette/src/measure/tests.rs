@@ -156,29 +156,35 @@ fn outlines(silhouettes: &[Grid<f32>]) -> Vec<OutlineMap> {
     silhouettes.iter().map(outline).collect()
 }
 
-fn seen<'a>(avatar: &Avatar, outlines: &'a [OutlineMap], turns: &[f64]) -> Vec<SeenView<'a>> {
-    let views = outlines.iter().zip(turns);
+/// Outlines as cameras see them of an avatar that stands at these angles in these poses
+fn seen<'a>(
+    avatar: &Avatar,
+    outlines: &'a [OutlineMap],
+    camera: Camera,
+    poses: impl IntoIterator<Item = (f64, Pose)>,
+) -> Vec<SeenView<'a>> {
+    let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
+    let views = outlines.iter().zip(poses);
     views
-        .map(|(outline, &degrees)| {
-            let turn = TurnAngle::from_degrees(degrees);
-            see(
-                avatar,
-                &SilhouetteMesh::new(&avatar.mesh.triangles),
-                &MeasureView {
-                    outline,
-                    camera: camera(),
-                    turn,
-                    pose: Pose::default(),
-                },
-            )
+        .map(|(outline, (degrees, pose))| MeasureView {
+            outline,
+            camera,
+            turn: TurnAngle::from_degrees(degrees),
+            pose,
         })
+        .map(|view| see(avatar, &mesh, &view))
         .collect()
+}
+
+/// The same in the reference pose
+fn still(turns: &[f64]) -> impl Iterator<Item = (f64, Pose)> {
+    turns.iter().map(|&degrees| (degrees, Pose::default()))
 }
 
 /// The girth of the first part by lines alone
 fn around(avatar: &Avatar, axis: DVec3, silhouettes: &[Grid<f32>], turns: &[f64]) -> f64 {
     let outlines = outlines(silhouettes);
-    let views = seen(avatar, &outlines, turns);
+    let views = seen(avatar, &outlines, camera(), still(turns));
     let tape = tape(avatar, axis);
     let fitted = fit_girth(&tape, &find_lines(&tape, &views), views.len());
     fitted.expect("the outlines are free").girth_mm
@@ -320,23 +326,7 @@ fn a_tape_goes_with_the_pose_of_each_view() {
             outline(&render::silhouette(&positions, &mesh.triangles, &camera()))
         })
         .collect();
-    let views: Vec<SeenView> = poses
-        .iter()
-        .zip(EIGHT)
-        .zip(&outlines)
-        .map(|((&pose, degrees), outline)| {
-            see(
-                &avatar,
-                &SilhouetteMesh::new(&avatar.mesh.triangles),
-                &MeasureView {
-                    outline,
-                    camera: camera(),
-                    turn: TurnAngle::from_degrees(degrees),
-                    pose,
-                },
-            )
-        })
-        .collect();
+    let views = seen(&avatar, &outlines, camera(), EIGHT.into_iter().zip(poses));
     let tape = tape(&avatar, DVec3::Y);
     let found = fit_girth(&tape, &find_lines(&tape, &views), views.len()).unwrap();
     let error = found.girth_mm / body.girth() - 1.0;
@@ -485,22 +475,7 @@ fn a_larger_scene_has_larger_measures() {
         ..camera()
     };
     let outlines = outlines(&silhouettes);
-    let views: Vec<SeenView> = outlines
-        .iter()
-        .zip(EIGHT)
-        .map(|(outline, degrees)| {
-            see(
-                &double,
-                &SilhouetteMesh::new(&double.mesh.triangles),
-                &MeasureView {
-                    outline,
-                    camera: far,
-                    turn: TurnAngle::from_degrees(degrees),
-                    pose: Pose::default(),
-                },
-            )
-        })
-        .collect();
+    let views = seen(&double, &outlines, far, still(&EIGHT));
     let tape = tape(&double, DVec3::Y);
     let found = fit_girth(&tape, &find_lines(&tape, &views), views.len()).unwrap();
     let ratio = found.girth_mm / single;

@@ -80,22 +80,25 @@ mod tests {
     #[test]
     fn whoever_sways_keeps_the_balance_and_the_soles_on_the_floor() {
         let avatar = mannequin(&MannequinParameters::default()).unwrap();
+        let mut fallen_mm = 0.0;
         for seed in 0..6 {
             let random = &mut Random::new(seed);
             let turn = TurnAngle::from_degrees(60.0 * seed as f64);
             let mut pose = sway(0.05, 1.0, random);
-            let fallen = above_feet(&avatar, turn, &pose);
-            let off_mm = off_balance_mm(1.0, random);
-            stand(&avatar, turn, off_mm, &mut pose);
             let own = above_feet(&avatar, turn, &Pose::default());
             let off = above_feet(&avatar, turn, &pose) - own;
+            fallen_mm += DVec2::new(off.x, off.z).length() / 6.0;
+            let off_mm = off_balance_mm(1.0, random);
+            stand(&avatar, turn, off_mm, &mut pose);
+            let off = above_feet(&avatar, turn, &pose) - own;
             assert!((DVec2::new(off.x, off.z) - off_mm).length() < 0.5, "{off}");
-            assert!(off.length() < (fallen - own).length() + 30.0);
             let posed = pose_bones(&avatar.bone_heads, &pose, turn);
             let heights = posed.skin(&avatar.mesh.positions, &avatar.weights);
             let lowest = heights.iter().map(|p| p.y).reduce(f64::min).unwrap();
             assert!(lowest.abs() < 1e-6);
         }
+        // Joints alone would not keep it.
+        assert!(fallen_mm > 15.0, "{fallen_mm}");
     }
 
     #[test]
