@@ -9,6 +9,7 @@ use pirouette::avatar::render::SilhouetteMesh;
 use pirouette::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use pirouette::carve::{CarveError, CarveOptions, CarveView, carve};
 use pirouette::geom::contour::{Contour, trace_outline};
+use pirouette::geom::outline_map::OutlineMap;
 use pirouette::geom::planar_mesh::{PlanarMesh, TriangulateOptions, simplify_apart, triangulate};
 use pirouette::geom::{Grid, Mask, TriMesh};
 use pirouette::normalize::deform::{Handles, handles, trace_silhouette};
@@ -16,7 +17,6 @@ use pirouette::normalize::{
     ContourSource, NormalizeMethod, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView,
     normalize, shared_skeleton_joints,
 };
-use pirouette::outline_map::OutlineMap;
 use pirouette::pose::pose_bones;
 use pirouette::segment::{SegmentOptions, SegmentView, Silhouette, segment};
 use pirouette::skeleton::Joint;

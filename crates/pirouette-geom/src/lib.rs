@@ -13,6 +13,7 @@ pub mod distance_map;
 pub mod isosurface;
 pub mod morphology;
 pub mod nearest;
+pub mod outline_map;
 pub mod planar_mesh;
 pub mod raster;
 pub mod section;

@@ -18,9 +18,9 @@ use pirouette_geom::isosurface::{Field, SurfaceError, SurfaceOptions, extract_su
 
 use crate::avatar::Avatar;
 use crate::camera::Camera;
-use crate::outline_map::OutlineMap;
 use crate::units::TurnAngle;
 use phantom::PhantomField;
+use pirouette_geom::outline_map::OutlineMap;
 use projected_view::{ProjectedView, ViewSet, nan_max};
 
 /// One silhouette and how it was seen

@@ -10,7 +10,6 @@ pub mod fit;
 pub mod io;
 pub mod measure;
 pub mod normalize;
-pub mod outline_map;
 pub mod picture;
 pub mod pipeline;
 pub mod pose;

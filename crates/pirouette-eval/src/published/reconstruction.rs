@@ -6,12 +6,12 @@ use pirouette::avatar::render::silhouette;
 use pirouette::bundle::Bundle;
 use pirouette::carve::{CarveOptions, CarveView, carve};
 use pirouette::geom::TriMesh;
+use pirouette::geom::outline_map::OutlineMap;
 use pirouette::measure::{Measure, measure_figure};
 use pirouette::normalize::{
     NormalizeMethod, NormalizeOptions, NormalizeView, ReferenceView, RefineOptions,
     RegisterOptions, normalize, shared_skeleton_joints,
 };
-use pirouette::outline_map::OutlineMap;
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, Report, run as run_job};
 use pirouette::pose::{Pose, pose_bones};
 use pirouette::synthetic::SyntheticScan;

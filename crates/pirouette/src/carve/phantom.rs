@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{CarveError, CarveView, HullField, ViewSet};
 use crate::avatar::{Avatar, render::SilhouetteMesh};
-use crate::outline_map::OutlineMap;
+use pirouette_geom::outline_map::OutlineMap;
 
 /// Only what is farther than this from the avatar's surface can be a phantom, in mm
 ///

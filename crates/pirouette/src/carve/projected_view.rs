@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::CarveView;
-use crate::outline_map::OutlineMap;
+use pirouette_geom::outline_map::OutlineMap;
 
 /// A silhouette's outline map and the projection onto it
 pub(super) struct ProjectedView<'a> {

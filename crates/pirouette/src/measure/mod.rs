@@ -22,7 +22,6 @@ use rayon::prelude::*;
 use crate::avatar::Avatar;
 use crate::avatar::render::SilhouetteMesh;
 use crate::camera::Camera;
-use crate::outline_map::OutlineMap;
 use crate::pose::{Pose, pose_bones};
 use crate::scan::{StatureFrom, Subject};
 use crate::units::TurnAngle;
@@ -30,6 +29,7 @@ use figure::Figure;
 pub use figure::measure_figure;
 pub use mass::BodyMass;
 pub use names::{Girth, Landmark, Measure};
+use pirouette_geom::outline_map::OutlineMap;
 use support::SeenView;
 pub use value::{Estimate, Measured, Measurements, Method, Unavailable};
 

@@ -14,8 +14,8 @@ use pirouette_geom::{Grid, distance_map::bilinear};
 
 use super::tape::Tape;
 use crate::camera::Camera;
-use crate::outline_map::OutlineMap;
 use crate::pose::PosedBones;
+use pirouette_geom::outline_map::OutlineMap;
 
 /// A view as tapes see it
 pub(super) struct SeenView<'a> {

@@ -15,7 +15,6 @@ use crate::color::{ColorOptions, ColorView, SurfaceColors, color_surface};
 use crate::fit::{CameraSpread, Fit, FitPrior, Outlines, fit_outlines};
 use crate::measure::{MeasureInput, Measurements, measure};
 use crate::normalize::{NormalizeError, NormalizedView};
-use crate::outline_map::OutlineMap;
 use crate::pipeline::start;
 use crate::pipeline::views::{
     Normalizer, carve_views, measure_views, normalized_outlines, photographed_outlines,
@@ -28,6 +27,7 @@ use crate::pipeline::{
 use crate::pose::{Pose, pose_bones};
 use crate::scan::{CameraSetup, Scan};
 use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
+use pirouette_geom::outline_map::OutlineMap;
 
 /// A running job
 pub(super) struct Job<'a> {

@@ -13,9 +13,9 @@ use crate::normalize::{
     NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
     RegisterOptions, normalize, shared_skeleton_joints,
 };
-use crate::outline_map::OutlineMap;
 use crate::pipeline::{Config, Method, ViewReport};
 use crate::pose::Pose;
+use pirouette_geom::outline_map::OutlineMap;
 
 /// The steps that a configuration asks for
 fn normalize_options(config: &Config) -> NormalizeOptions {

@@ -1,9 +1,9 @@
 //! Signed distance to a silhouette's outline, exact to fractions of a pixel near it.
 
+use crate::contour::{nearest_on_segment, trace_outline};
+use crate::distance_map::signed_distance_within;
+use crate::{Grid, Mask};
 use glam::DVec2;
-use pirouette_geom::contour::{nearest_on_segment, trace_outline};
-use pirouette_geom::distance_map::signed_distance_within;
-use pirouette_geom::{Grid, Mask};
 
 /// Signed distance to the outline of a soft silhouette, in px, negative inside
 ///
@@ -239,7 +239,7 @@ fn blend_far(distances: &mut Grid<f32>, mask: &Mask, reach_px: f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pirouette_geom::coverage::fill_polygons;
+    use crate::coverage::fill_polygons;
 
     fn disc(center: DVec2, radius: f64, size: usize) -> Grid<f32> {
         let circle = (0..500)
