@@ -8,8 +8,8 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
+use pirouette::avatar::Avatar;
 use pirouette::avatar::mannequin::{MannequinError, MannequinParameters, Sex, mannequin};
-use pirouette::avatar::{Avatar, landmarks};
 use pirouette::skeleton::Bone;
 use pirouette::synthetic::{
     Clutter, Random, SyntheticOptions, SyntheticScan, synthesize, with_posture,
@@ -105,10 +105,7 @@ impl Person {
             ..MannequinParameters::default()
         })?;
         displace(&mut figure, random);
-        let mut figure = with_posture(&figure, &posture(random));
-        // Tapes lie where this body has its waist, not where the mannequin had it.
-        (figure.tape_loops, figure.landmarks) =
-            landmarks::find(&figure.mesh, &figure.weights, &figure.bone_heads);
+        let figure = with_posture(&figure, &posture(random));
         Ok(Self {
             seed,
             sex,

@@ -1,12 +1,10 @@
-//! The reference figure: a closed skinned surface in the reference pose, with named joints, tape loops
-//! and landmarks.
+//! The reference figure: a closed skinned surface in the reference pose, with named joints.
 //!
 //! World frame, millimeters: soles on y = 0, facing +z, the person's left at +x. The turning axis, x = z = 0, passes
 //! behind the point midway between the hip joints, by [`TURNING_AXIS_BEHIND_HIPS`]; so the hips lie at a small
 //! positive z, the ankles of the mannequin a little farther in front.
 
 pub mod gltf;
-pub mod landmarks;
 pub mod mannequin;
 pub mod render;
 
@@ -16,7 +14,6 @@ mod stance;
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 
-use crate::measure::{Girth, Landmark};
 use crate::pose::SkinWeight;
 use crate::skeleton::{Bone, Joint};
 
@@ -66,21 +63,8 @@ pub struct Avatar {
     ///
     /// The neck is the middle of the shoulders and the mid hip the middle of the hips.
     pub keypoints: [DVec3; Joint::COUNT],
-    /// Closed loops of vertices that a tape would follow, in order along the tape
-    pub tape_loops: Vec<TapeLoop>,
-    /// Named points of the surface
-    pub landmarks: Vec<(Landmark, u32)>,
     /// The pose it stands in
     pub pose: ReferencePose,
-}
-
-/// Where a tape goes: a closed loop of vertices
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct TapeLoop {
-    /// What it measures
-    pub girth: Girth,
-    /// Vertices along the loop
-    pub vertices: Vec<u32>,
 }
 
 impl Avatar {
@@ -117,18 +101,9 @@ impl Avatar {
         if !points.chain(&self.keypoints).all(|p| p.is_finite()) {
             return Err(AvatarDefect::NotFinite);
         }
-        let triangles = self.mesh.triangles.iter().flatten();
-        let loops = self.tape_loops.iter().flat_map(|t| &t.vertices);
-        let landmarks = self.landmarks.iter().map(|(_, vertex)| vertex);
-        if let Some(&vertex) = triangles
-            .chain(loops)
-            .chain(landmarks)
-            .find(|&&v| v as usize >= count)
-        {
+        let mut triangles = self.mesh.triangles.iter().flatten();
+        if let Some(&vertex) = triangles.find(|&&v| v as usize >= count) {
             return Err(AvatarDefect::Vertex { vertex });
-        }
-        if let Some(tape) = self.tape_loops.iter().find(|t| t.vertices.len() < 3) {
-            return Err(AvatarDefect::ShortLoop { girth: tape.girth });
         }
         let floor_mm = self.mesh.bounds().map_or(0.0, |(low, _)| low.y);
         let slack = FLOOR_SLACK * self.stature_mm();
@@ -141,17 +116,6 @@ impl Avatar {
     /// Height of the surface, in mm
     pub fn stature_mm(&self) -> f64 {
         self.mesh.bounds().map_or(0.0, |(lo, hi)| hi.y - lo.y)
-    }
-
-    /// Position of a landmark, `None` when this avatar has none of that name
-    pub fn landmark(&self, landmark: Landmark) -> Option<DVec3> {
-        let (_, vertex) = self.landmarks.iter().find(|(l, _)| *l == landmark)?;
-        Some(self.mesh.positions[*vertex as usize])
-    }
-
-    /// The loop of a girth, `None` when this avatar has none
-    pub fn tape_loop(&self, girth: Girth) -> Option<&TapeLoop> {
-        self.tape_loops.iter().find(|t| t.girth == girth)
     }
 }
 
@@ -168,8 +132,6 @@ pub enum AvatarDefect {
     NotFinite,
     #[error("vertex {vertex} does not exist")]
     Vertex { vertex: u32 },
-    #[error("the tape loop of {girth:?} has fewer than three vertices")]
-    ShortLoop { girth: Girth },
     #[error("the lowest point is at {floor_mm:.1} mm instead of the floor")]
     NotOnTheFloor { floor_mm: f64 },
 }

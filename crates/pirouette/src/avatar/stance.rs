@@ -19,7 +19,7 @@ const CLAVICLE_LIFT_SHARE: f64 = 0.2;
 
 /// Lifts the upper arms to the pose's angle and bends the elbows to its bend, where they are off by much
 ///
-/// Keypoints, tape loops and landmarks are not touched.
+/// Keypoints are not touched.
 pub(super) fn take(avatar: &mut Avatar, pose: ReferencePose) {
     lift_arms(avatar, pose.arm_angle_degrees());
     bend_elbows(avatar, pose.elbow_bend_degrees());

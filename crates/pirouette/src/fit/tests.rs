@@ -3,7 +3,7 @@ use pirouette_geom::section::{plane_section, tape_length};
 use super::*;
 use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
 use crate::avatar::render::silhouette;
-use crate::measure::Girth;
+use crate::measure::{Measure, measure_figure};
 use crate::skeleton::Keypoint;
 use crate::synthetic::{Random, SyntheticOptions};
 use pirouette_geom::Grid;
@@ -105,14 +105,11 @@ fn mean_distance(a: &Avatar, b: &Avatar) -> f64 {
     pairs.map(|(p, q)| p.distance(*q)).sum::<f64>() / a.mesh.positions.len() as f64
 }
 
-/// Level and tape length of a girth of the trunk where the figure itself has it
-fn true_tape(figure: &Avatar, girth: Girth) -> (f64, f64) {
-    let loop_ = figure.tape_loop(girth).unwrap();
-    let heights = loop_
-        .vertices
-        .iter()
-        .map(|&v| figure.mesh.positions[v as usize].y);
-    let level_mm = heights.sum::<f64>() / loop_.vertices.len() as f64;
+/// Level of a tape of the trunk where the figure itself has it, and the tape length there
+fn true_tape(figure: &Avatar, height: Measure) -> (f64, f64) {
+    let measures = measure_figure(figure);
+    let found = measures.iter().find(|(measure, _)| *measure == height);
+    let (_, level_mm) = *found.expect("the mannequin has every measure");
     (level_mm, girth_at(figure, level_mm))
 }
 
@@ -139,7 +136,11 @@ fn a_heavier_body_is_found_from_a_lighter_start() {
     let truth = figure(Sex::Neutral, 84.0);
     let start = figure(Sex::Neutral, 63.0);
     let fit = Seen::still(&truth, 8).fit(&start, &quick());
-    for tape in [Girth::Bust, Girth::Waist, Girth::Hip] {
+    for tape in [
+        Measure::BustHeight,
+        Measure::WaistHeight,
+        Measure::HipHeight,
+    ] {
         let (level_mm, girth_mm) = true_tape(&truth, tape);
         let before = girth_at(&start, level_mm) / girth_mm - 1.0;
         let after = girth_at(&fit.avatar, level_mm) / girth_mm - 1.0;
@@ -160,7 +161,11 @@ fn sway_goes_into_the_poses_and_not_into_the_body() {
         .collect();
     let fit = Seen::new(&truth, &turns, &poses).fit(&truth, &quick());
     // Where the person stands is known only up to the mean of the sway, so that girths are compared.
-    for tape in [Girth::Bust, Girth::Waist, Girth::Hip] {
+    for tape in [
+        Measure::BustHeight,
+        Measure::WaistHeight,
+        Measure::HipHeight,
+    ] {
         let (level_mm, girth_mm) = true_tape(&truth, tape);
         let error = girth_at(&fit.avatar, level_mm) / girth_mm - 1.0;
         assert!(error.abs() < 0.01, "{tape:?} {error}");

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
+use super::landmarks::{find_sections, with_lowered_arms};
 use super::lengths;
 use super::tape::Tape;
 use super::{Girth, Landmark, Measure};
 use crate::avatar::Avatar;
-use crate::avatar::landmarks::{find_sections, with_lowered_arms};
 
 /// A figure with its tapes and landmarks
 pub(super) struct Figure<'a> {

@@ -2,11 +2,12 @@
 //!
 //! Each girth is found twice: from the outlines of the photos, by support lines (see `support`), and along a section
 //! of the fitted body. Both are told, with their mean by variances. The fitted body tells where tapes lie, by
-//! definition on the shape it has (`avatar::landmarks`), and which outline belongs to which limb. Heights and lengths are
+//! definition on the shape it has (`landmarks`), and which outline belongs to which limb. Heights and lengths are
 //! taken on it. What cannot be had is left out with the reason.
 
 mod figure;
 mod girths;
+mod landmarks;
 mod lengths;
 mod mass;
 mod names;

@@ -98,8 +98,6 @@ fn figure(parts: &[Cylinder]) -> Avatar {
         mesh,
         bone_heads: [DVec3::ZERO; Bone::COUNT],
         keypoints: [DVec3::ZERO; Joint::COUNT],
-        tape_loops: Vec::new(),
-        landmarks: Vec::new(),
         pose: ReferencePose::A,
     }
 }

@@ -7,8 +7,8 @@ use pirouette_geom::{Mask, TriMesh};
 use rayon::prelude::*;
 
 use crate::avatar::gltf::load_avatar;
-use crate::avatar::mannequin::{MannequinParameters, mannequin, unmarked};
-use crate::avatar::{Avatar, landmarks, render};
+use crate::avatar::mannequin::{MannequinParameters, mannequin};
+use crate::avatar::{Avatar, render};
 use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use crate::carve::{CarveOptions, carve, carve_beside_avatar};
 use crate::color::{ColorOptions, ColorView, SurfaceColors, color_surface};
@@ -141,7 +141,6 @@ impl<'a> Job<'a> {
 
     pub(super) fn make_avatar(&mut self) -> Result<Avatar, PipelineError> {
         let (scan, config) = (self.scan, self.config);
-        let free = start::is_free(config);
         self.stage(Stage::Avatar, 1, |_| match &config.avatar {
             AvatarSource::Mannequin { sex, mass_kg } => {
                 let parameters = MannequinParameters {
@@ -151,12 +150,7 @@ impl<'a> Job<'a> {
                     pose: scan.pose,
                     ..MannequinParameters::default()
                 };
-                // Neither a first guess nor a carved body carries tapes and landmarks.
-                Ok(if free || config.method == Method::ThreeStep {
-                    unmarked(&parameters)?
-                } else {
-                    mannequin(&parameters)?
-                })
+                Ok(mannequin(&parameters)?)
             }
             AvatarSource::File { name, bytes } => {
                 let avatar =
@@ -326,34 +320,18 @@ impl<'a> Job<'a> {
                 Some(start) => (&start.avatar, &start.posture, &start.poses),
                 None => (&bundle.avatar, &bundle.posture, &poses),
             };
-            let fit = || {
-                fit_outlines(
-                    avatar,
-                    &start::fit_views(bundle, views, poses, stature_mm),
-                    &outlines,
-                    &FitPrior {
-                        posture: *posture,
-                        stature_mm: Some(stature_mm),
-                        camera: camera_spread(&scan.camera),
-                    },
-                    &config.fit,
-                    &cancelled,
-                )
-            };
-            let marks = || {
-                let figure = &start.as_ref()?.mannequin;
-                Some(landmarks::find(
-                    &figure.mesh,
-                    &figure.weights,
-                    &figure.bone_heads,
-                ))
-            };
-            let (mut fit, marks) = rayon::join(fit, marks);
-            // They name vertices, which stay the same.
-            if let Some((tape_loops, landmarks)) = marks {
-                fit.avatar.tape_loops = tape_loops;
-                fit.avatar.landmarks = landmarks;
-            }
+            let fit = fit_outlines(
+                avatar,
+                &start::fit_views(bundle, views, poses, stature_mm),
+                &outlines,
+                &FitPrior {
+                    posture: *posture,
+                    stature_mm: Some(stature_mm),
+                    camera: camera_spread(&scan.camera),
+                },
+                &config.fit,
+                &cancelled,
+            );
             Ok((fit, start.map(|start| start.figure)))
         })?
     }

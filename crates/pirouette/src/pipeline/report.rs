@@ -19,8 +19,7 @@ pub struct Report {
     pub method: Method,
     /// How far it went
     pub goal: Goal,
-    /// The reference figure, at the stature of the person; a mannequin that no fit starts from as it is has neither tape
-    /// loops nor landmarks
+    /// The reference figure, at the stature of the person
     pub avatar: Avatar,
     /// One skeleton for all views; `None` when the keypoints did not suffice and silhouettes were all that was asked for
     pub bundle: Option<Bundle>,

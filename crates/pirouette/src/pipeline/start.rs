@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::avatar::Avatar;
-use crate::avatar::mannequin::{MannequinParameters, Sex, sketch, unmarked};
+use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin, sketch};
 use crate::bundle::{Bundle, BundleError, BundleOptions, BundleView, bundle};
 use crate::camera::Camera;
 use crate::fit::{FitOptions, FitPrior, FitView, Outlines, fit_outlines, rigid_residual};
@@ -29,9 +29,7 @@ pub(super) fn is_free(config: &Config) -> bool {
 /// A body to start a fit from
 #[derive(Debug)]
 pub(super) struct Start {
-    /// The mannequin, without tape loops and landmarks
-    pub(super) mannequin: Avatar,
-    /// The same with the person's bone lengths
+    /// The mannequin with the person's bone lengths
     pub(super) avatar: Avatar,
     /// Pose that sway goes about
     pub(super) posture: Pose,
@@ -120,23 +118,22 @@ pub(super) fn choose_start(
         .collect();
     residuals.sort_by(|a, b| a.0.total_cmp(&b.0));
     let nearest = residuals.iter().map(|(_, sex)| of(*sex, Some(mass_kg)));
-    let mannequin = nearest.map(|parameters| unmarked(&parameters).map(|made| (made, parameters)));
-    let (mannequin, parameters) = match mannequin.flatten().next() {
+    let made = nearest.map(|parameters| mannequin(&parameters).map(|made| (made, parameters)));
+    let (chosen, parameters) = match made.flatten().next() {
         Some(found) => found,
         None => {
             let usual = of(Sex::Neutral, None);
-            (unmarked(&usual)?, usual)
+            (mannequin(&usual)?, usual)
         }
     };
-    let (avatar, posture, poses) = posed(&mannequin)?;
+    let (avatar, posture, poses) = posed(&chosen)?;
     Ok(Start {
         figure: StartFigure {
             sex: parameters.sex,
             mass_kg: parameters
                 .mass_kg
-                .unwrap_or(mannequin.mesh.volume() * KG_PER_CUBIC_MM),
+                .unwrap_or(chosen.mesh.volume() * KG_PER_CUBIC_MM),
         },
-        mannequin,
         avatar,
         posture,
         poses,

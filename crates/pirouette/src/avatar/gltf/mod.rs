@@ -14,7 +14,7 @@ mod surface;
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
-use super::{Avatar, ReferencePose, TURNING_AXIS_BEHIND_HIPS, detector_points, landmarks, stance};
+use super::{Avatar, ReferencePose, TURNING_AXIS_BEHIND_HIPS, detector_points, stance};
 use crate::pose::SkinWeight;
 use crate::skeleton::Bone;
 use document::{Document, Node};
@@ -90,8 +90,7 @@ fn names(bones: &[Bone]) -> String {
 /// Loads a skinned humanoid and puts it into a reference pose
 ///
 /// The result stands on the floor, faces +z and has the size of the file; see [`Avatar::scaled_to`]. Loose
-/// parts such as eyes and teeth are dropped where one part is the whole body. Tape loops and landmarks are found
-/// by the body's geometry.
+/// parts such as eyes and teeth are dropped where one part is the whole body.
 ///
 /// # Errors
 /// When the bytes are no readable glTF, have no skin, lack a joint that cannot be guessed from the others
@@ -148,8 +147,6 @@ pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvat
         weights,
         bone_heads: bones.heads,
         keypoints: [DVec3::ZERO; crate::skeleton::Joint::COUNT],
-        tape_loops: Vec::new(),
-        landmarks: Vec::new(),
         pose,
     };
     put_on_the_axis(&mut avatar, &mut bones.eyes);
@@ -160,8 +157,6 @@ pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvat
         &avatar.bone_heads,
         bones.eyes,
     );
-    (avatar.tape_loops, avatar.landmarks) =
-        landmarks::find(&avatar.mesh, &avatar.weights, &avatar.bone_heads);
     Ok(avatar)
 }
 

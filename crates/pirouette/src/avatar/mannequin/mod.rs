@@ -36,7 +36,7 @@ pub use self::proportions::Proportions;
 use self::shape::{Anatomy, GirthScales, LEAN_BMI, build};
 use self::surface::{Grid, Lenses, extract};
 use self::weights::skin_weight;
-use super::{Avatar, ReferencePose, landmarks};
+use super::{Avatar, ReferencePose};
 use crate::skeleton::Joint;
 
 /// Sex of a mannequin; neutral is halfway between the average woman and the average man
@@ -168,21 +168,10 @@ impl MannequinParameters {
 /// # Errors
 /// When a parameter is not a number or out of bounds; no other input fails.
 pub fn mannequin(parameters: &MannequinParameters) -> Result<Avatar, MannequinError> {
-    let mut avatar = unmarked(parameters)?;
-    (avatar.tape_loops, avatar.landmarks) =
-        landmarks::find(&avatar.mesh, &avatar.weights, &avatar.bone_heads);
-    Ok(avatar)
-}
-
-/// Builds the mannequin without tape loops and landmarks, for those who look for them elsewhere or later
-///
-/// # Errors
-/// As [`mannequin`].
-pub(crate) fn unmarked(parameters: &MannequinParameters) -> Result<Avatar, MannequinError> {
     build_figure(parameters, 1.0)
 }
 
-/// Builds the mannequin on a coarse mesh, without tape loops and landmarks, in a quarter of the time
+/// Builds the mannequin on a coarse mesh, in a quarter of the time
 ///
 /// The same body with fingers in lumps: enough to see how well its proportions fit.
 ///
@@ -211,8 +200,6 @@ fn build_figure(parameters: &MannequinParameters, spacing: f64) -> Result<Avatar
         mesh,
         weights,
         bone_heads: heads,
-        tape_loops: Vec::new(),
-        landmarks: Vec::new(),
         pose: parameters.pose,
     };
     let top = avatar.mesh.bounds().map_or(1.0, |(_, hi)| hi.y);

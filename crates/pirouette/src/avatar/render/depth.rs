@@ -430,8 +430,6 @@ mod tests {
             weights,
             bone_heads: [DVec3::ZERO; Bone::COUNT],
             keypoints: [DVec3::ZERO; Joint::COUNT],
-            tape_loops: Vec::new(),
-            landmarks: Vec::new(),
             pose: ReferencePose::A,
         }
     }

@@ -94,8 +94,6 @@ pub(super) fn body() -> Avatar {
         weights,
         bone_heads: heads,
         keypoints,
-        tape_loops: Vec::new(),
-        landmarks: Vec::new(),
         pose: ReferencePose::A,
     }
 }

@@ -2,7 +2,6 @@ use std::sync::LazyLock;
 
 use super::*;
 use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
-use crate::avatar::{Avatar, ReferencePose};
 use crate::measure::measure_figure;
 
 static WOMAN: LazyLock<Avatar> = LazyLock::new(|| {
@@ -14,18 +13,18 @@ static WOMAN: LazyLock<Avatar> = LazyLock::new(|| {
     mannequin(&parameters).expect("valid parameters")
 });
 
-type Found = (Vec<TapeLoop>, Vec<(Landmark, u32)>);
+type Found = (Vec<Section>, Vec<(Landmark, DVec3)>);
 
 fn find_on(avatar: &Avatar) -> Found {
-    find(&avatar.mesh, &avatar.weights, &avatar.bone_heads)
+    find_sections(avatar)
 }
 
-fn loop_of(found: &Found, girth: Girth) -> &TapeLoop {
+fn loop_of(found: &Found, girth: Girth) -> &Section {
     let tape = found.0.iter().find(|t| t.girth == girth);
-    tape.unwrap_or_else(|| panic!("a loop for {girth:?}"))
+    tape.unwrap_or_else(|| panic!("a section for {girth:?}"))
 }
 
-fn center(avatar: &Avatar, tape: &TapeLoop) -> DVec3 {
+fn center(avatar: &Avatar, tape: &Section) -> DVec3 {
     let points = tape
         .vertices
         .iter()
@@ -33,10 +32,10 @@ fn center(avatar: &Avatar, tape: &TapeLoop) -> DVec3 {
     points.sum::<DVec3>() / tape.vertices.len() as f64
 }
 
-fn landmark(avatar: &Avatar, found: &Found, landmark: Landmark) -> DVec3 {
+fn landmark(found: &Found, landmark: Landmark) -> DVec3 {
     let entry = found.1.iter().find(|(l, _)| *l == landmark);
-    let (_, vertex) = entry.unwrap_or_else(|| panic!("a vertex for {landmark:?}"));
-    avatar.mesh.positions[*vertex as usize]
+    let (_, point) = entry.unwrap_or_else(|| panic!("a point for {landmark:?}"));
+    *point
 }
 
 #[test]
@@ -125,7 +124,7 @@ fn loops_run_around_once_without_arms() {
 #[test]
 fn landmarks_lie_on_their_sides() {
     let found = find_on(&WOMAN);
-    let at = |name| landmark(&WOMAN, &found, name);
+    let at = |name| landmark(&found, name);
     assert_eq!(found.1.len(), 12);
     assert!((at(Landmark::Crown).y - 1630.0).abs() < 1e-6);
     assert!(at(Landmark::Nape).z < 0.0 && at(Landmark::Nape).x.abs() < 15.0);
@@ -254,17 +253,24 @@ fn level_arms_do_not_reach_the_bust() {
 
 #[test]
 fn what_is_not_there_gives_no_loop() {
-    let heads = &WOMAN.bone_heads;
-    let (loops, landmarks) = find(&TriMesh::default(), &[], heads);
-    assert!(loops.is_empty() && landmarks.is_empty());
+    let with = |mesh: TriMesh, weights: Vec<SkinWeight>, bone_heads: [DVec3; Bone::COUNT]| {
+        find_sections(&Avatar {
+            mesh,
+            weights,
+            bone_heads,
+            ..WOMAN.clone()
+        })
+    };
+    let (tapes, landmarks) = with(TriMesh::default(), Vec::new(), WOMAN.bone_heads);
+    assert!(tapes.is_empty() && landmarks.is_empty());
     let lost = [DVec3::NAN; Bone::COUNT];
-    let (loops, _) = find(&WOMAN.mesh, &WOMAN.weights, &lost);
-    assert!(loops.iter().all(|t| t.vertices.len() >= 3));
+    let (tapes, _) = with(WOMAN.mesh.clone(), WOMAN.weights.clone(), lost);
+    assert!(tapes.iter().all(|t| t.vertices.len() >= 3));
     let flat = TriMesh {
         positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
         triangles: vec![[0, 1, 2]],
     };
-    let weights = [SkinWeight::rigid(Bone::Root); 3];
-    let (loops, _) = find(&flat, &weights, heads);
-    assert!(loops.is_empty());
+    let weights = vec![SkinWeight::rigid(Bone::Root); 3];
+    let (tapes, _) = with(flat, weights, WOMAN.bone_heads);
+    assert!(tapes.is_empty());
 }

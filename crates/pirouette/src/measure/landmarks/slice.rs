@@ -19,11 +19,11 @@ pub(super) struct Crossing {
 
 /// A plane by a point on it and its unit normal
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Plane {
+pub(in crate::measure) struct Plane {
     /// A point on it, in mm
-    pub origin: DVec3,
+    pub(in crate::measure) origin: DVec3,
     /// Unit normal
-    pub normal: DVec3,
+    pub(in crate::measure) normal: DVec3,
 }
 
 impl Plane {

@@ -1,12 +1,9 @@
-//! Tape loops and landmarks found by the geometry of a body.
+//! Tapes and landmarks found by the geometry of a body.
 //!
 //! Works on any upright skinned body in a reference pose, whatever its topology: levels come from the surface
 //! where ISO 8559-1 defines them by shape (bust points, seat, crotch, largest calf, smallest ankle) and from
 //! the joints where it defines them by bones (waist, knee, upper arm, wrist). Arms are told from the trunk by the
 //! skinning weights.
-//!
-//! Not promised: the girth of a loop's own polygon. Its vertices zigzag around the plane by up to half an edge; a tape is
-//! the convex hull of the plane section through them.
 
 mod levels;
 mod points;
@@ -15,28 +12,28 @@ mod slice;
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 
-use super::{Avatar, ReferencePose, TapeLoop};
-use crate::measure::{Girth, Landmark};
+use super::{Girth, Landmark};
+use crate::avatar::{Avatar, ReferencePose};
 use crate::pose::{Pose, SkinWeight, pose_bones};
 use crate::skeleton::Bone;
 use crate::units::TurnAngle;
 use levels::{Levels, STEP, profile};
-pub use slice::Plane;
+pub(super) use slice::Plane;
 use slice::Slicer;
 
 /// Where a tape goes around a body
 #[derive(Debug, Clone)]
-pub struct Section {
+pub(super) struct Section {
     /// What it measures
-    pub girth: Girth,
+    pub(in crate::measure) girth: Girth,
     /// The plane of the tape, world frame, mm
-    pub plane: Plane,
+    pub(in crate::measure) plane: Plane,
     /// Where the plane cuts the surface, in no order
-    pub points: Vec<DVec3>,
+    pub(in crate::measure) points: Vec<DVec3>,
     /// The vertices next to these points, in order along the tape
-    pub vertices: Vec<u32>,
+    pub(in crate::measure) vertices: Vec<u32>,
     /// How much longer the tape would be per mm that its plane lies elsewhere, in either direction
-    pub taper: f64,
+    pub(in crate::measure) taper: f64,
 }
 
 /// Tapers are taken over this share of the stature (8 mm) to either side: as far as tapes are misplaced
@@ -74,32 +71,10 @@ const HEAD_ZONE: [f64; 2] = [0.065, 0.03];
 /// Radius around the neck's axis, as a share of the stature, that holds the neck but not the shoulders or the chin
 const NECK_REACH: f64 = 0.06;
 
-/// Finds tape loops and landmarks of a body in a reference pose
-///
-/// World frame, mm: upright on the floor, facing +z. `weights` are one per vertex, `heads` the bones' heads.
-/// Parts that the surface lacks give no loop. `keypoints` tell nothing yet that the bones do not.
-pub fn find(
-    mesh: &TriMesh,
-    weights: &[SkinWeight],
-    heads: &[DVec3; Bone::COUNT],
-) -> (Vec<TapeLoop>, Vec<(Landmark, u32)>) {
-    let Some(body) = Body::new(mesh, weights, heads) else {
-        return (Vec::new(), Vec::new());
-    };
-    let levels = Levels::find(&body);
-    let loops = body.sections(&levels).into_iter().map(|section| TapeLoop {
-        girth: section.girth,
-        vertices: section.vertices,
-    });
-    let landmarks = body.landmarks(&levels).into_iter();
-    let nearest = |(landmark, point)| Some((landmark, body.nearest_vertex(point)?));
-    (loops.collect(), landmarks.filter_map(nearest).collect())
-}
-
-/// The tapes of a figure by the shape that it has now, whatever its own loops say, and its landmarks, points of its surface
+/// The tapes of a figure by the shape that it has now, and its landmarks, points of its surface
 ///
 /// `None` for a girth whose part the surface lacks.
-pub fn find_sections(avatar: &Avatar) -> (Vec<Section>, Vec<(Landmark, DVec3)>) {
+pub(super) fn find_sections(avatar: &Avatar) -> (Vec<Section>, Vec<(Landmark, DVec3)>) {
     let Some(mut body) = Body::new(&avatar.mesh, &avatar.weights, &avatar.bone_heads) else {
         return (Vec::new(), Vec::new());
     };
@@ -111,7 +86,7 @@ pub fn find_sections(avatar: &Avatar) -> (Vec<Section>, Vec<(Landmark, DVec3)>) 
 /// A figure in T-pose with the arms of an A-pose; `None` for a figure in A-pose
 ///
 /// Arms that are stretched out level lift chest and shoulders: tapes and landmarks there are taken with the arms lowered.
-pub fn with_lowered_arms(avatar: &Avatar) -> Option<Avatar> {
+pub(super) fn with_lowered_arms(avatar: &Avatar) -> Option<Avatar> {
     if avatar.pose == ReferencePose::A {
         return None;
     }
@@ -238,14 +213,6 @@ impl<'a> Body<'a> {
         (0..=count)
             .map(|i| low + (high - low) * i as f64 / count as f64)
             .collect()
-    }
-
-    fn nearest_vertex(&self, point: DVec3) -> Option<u32> {
-        let distances = self.mesh.positions.iter().enumerate();
-        let distances = distances.map(|(v, p)| (v as u32, p.distance_squared(point)));
-        let finite = distances.filter(|(_, distance)| distance.is_finite());
-        let nearest = finite.min_by(|a, b| a.1.total_cmp(&b.1));
-        nearest.map(|(v, _)| v)
     }
 }
 
