@@ -5,13 +5,13 @@
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use pirouette::io::mesh::MeshFormat;
-use pirouette::io::results::{ResultOptions, write_results};
-use pirouette::io::scan_folder::{LoadOptions, load_scan, write_scan};
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, Report, run};
 use pirouette::scan::Scan;
-use pirouette::sizes::built_in_charts;
 use pirouette_bench::{PHOTO_SIZE_PX, VIEW_COUNT, photograph};
+use pirouette_files::formats::charts::built_in_charts;
+use pirouette_files::formats::mesh::MeshFormat;
+use pirouette_files::results::{ResultOptions, write_results};
+use pirouette_files::scan_folder::{LoadOptions, load_scan, write_scan};
 
 fn job(scan: &Scan, method: Method) -> Report {
     let config = Config::new(Goal::Measure, method);

@@ -8,13 +8,8 @@
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use pirouette::body_fit::{FitOptions, FitPrior, FitView, fit_body};
 use pirouette::carve::{CarveOptions, carve_beside_avatar};
-use pirouette::fit::{FitOptions, FitPrior, FitView, fit_body};
-use pirouette::geom::arap::{ArapOptions, ArapSolver};
-use pirouette::geom::contour::{trace_contours, trace_windowed};
-use pirouette::geom::distance_map::signed_distance;
-use pirouette::geom::outline_map::OutlineMap;
-use pirouette::geom::planar_mesh::{TriangulateOptions, triangulate};
 use pirouette::measure::{MeasureInput, MeasureView, measure};
 use pirouette::normalize::refine::{RefineOptions, refine};
 use pirouette::normalize::register::{ReferenceContourMap, RegisterOptions, register};
@@ -22,6 +17,11 @@ use pirouette::normalize::{NormalizeOptions, normalize};
 use pirouette::scan::{StatureFrom, Subject};
 use pirouette::segment::{SegmentOptions, segment};
 use pirouette_bench::{Stages, far_outlines, find_skeleton};
+use pirouette_geom::arap::{ArapOptions, ArapSolver};
+use pirouette_geom::contour::{trace_contours, trace_windowed};
+use pirouette_geom::distance_map::signed_distance;
+use pirouette_geom::outline_map::OutlineMap;
+use pirouette_geom::planar_mesh::{TriangulateOptions, triangulate};
 
 fn photos_to_silhouettes(c: &mut Criterion) {
     let stages = Stages::new();

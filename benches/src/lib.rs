@@ -3,24 +3,25 @@
 //! Everything follows from constants, so that two runs measure the same work.
 
 use glam::DVec2;
-use pirouette::avatar::Avatar;
-use pirouette::avatar::mannequin::{MannequinParameters, Sex, mannequin};
-use pirouette::avatar::render::SilhouetteMesh;
-use pirouette::bundle::{Bundle, BundleOptions, BundleView, bundle};
 use pirouette::carve::{CarveError, CarveOptions, CarveView, carve};
-use pirouette::geom::contour::{Contour, trace_outline};
-use pirouette::geom::outline_map::OutlineMap;
-use pirouette::geom::planar_mesh::{PlanarMesh, TriangulateOptions, simplify_apart, triangulate};
-use pirouette::geom::{Grid, Mask, TriMesh};
 use pirouette::normalize::deform::{Handles, handles, trace_silhouette};
 use pirouette::normalize::{
     ContourSource, NormalizeMethod, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView,
     normalize, shared_skeleton_joints,
 };
-use pirouette::pose::pose_bones;
 use pirouette::segment::{SegmentOptions, SegmentView, Silhouette, segment};
-use pirouette::skeleton::Joint;
-use pirouette::synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
+use pirouette::skeleton_fit::{Bundle, BundleOptions, BundleView, bundle};
+use pirouette_body::Avatar;
+use pirouette_body::Joint;
+use pirouette_body::Sex;
+use pirouette_body::mannequin::{MannequinParameters, mannequin};
+use pirouette_body::pose_bones;
+use pirouette_body::render::SilhouetteMesh;
+use pirouette_geom::contour::{Contour, trace_outline};
+use pirouette_geom::outline_map::OutlineMap;
+use pirouette_geom::planar_mesh::{PlanarMesh, TriangulateOptions, simplify_apart, triangulate};
+use pirouette_geom::{Grid, Mask, TriMesh};
+use pirouette_synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
 use rayon::prelude::*;
 
 /// Columns and rows of the photos that the stages are timed on

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use pirouette::geom::arap::{ArapOptions, deform_points};
-use pirouette::io::atomic::write_whole;
-use pirouette::io::mesh::{read_off, write_off};
-use pirouette::io::points::parse_points;
+use pirouette_files::formats::mesh::{read_off, write_off};
+use pirouette_files::formats::points::parse_points;
+use pirouette_files::sink::write_whole;
+use pirouette_geom::arap::{ArapOptions, deform_points};
 use serde_json::json;
 
 use crate::args::ArapArgs;

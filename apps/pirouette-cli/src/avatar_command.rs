@@ -3,15 +3,15 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
-use pirouette::avatar::mannequin::{self, MannequinParameters, mannequin};
-use pirouette::avatar::{Avatar, ReferencePose, gltf, render};
-use pirouette::geom::Mask;
-use pirouette::io::atomic::write_whole;
-use pirouette::io::mesh::MeshFormat;
-use pirouette::io::photo::{encode_mask, encode_photo_png};
-use pirouette::pose::{Pose, pose_bones};
-use pirouette::synthetic::SyntheticOptions;
-use pirouette::units::TurnAngle;
+use pirouette_body::TurnAngle;
+use pirouette_body::mannequin::{MannequinParameters, mannequin};
+use pirouette_body::{Avatar, ReferencePose, gltf, render};
+use pirouette_body::{Pose, pose_bones};
+use pirouette_files::formats::mesh::MeshFormat;
+use pirouette_files::formats::photo::{encode_mask, encode_photo_png};
+use pirouette_files::sink::write_whole;
+use pirouette_geom::Mask;
+use pirouette_synthetic::SyntheticOptions;
 use serde_json::json;
 
 use crate::args::{self, AvatarArgs};
@@ -107,10 +107,10 @@ fn picture(avatar: &Avatar, turn: TurnAngle, shaded: bool) -> Result<Vec<u8>> {
 }
 
 /// The library's sex; between the two without one
-pub fn mannequin_sex(sex: Option<args::Sex>) -> mannequin::Sex {
+pub fn mannequin_sex(sex: Option<args::Sex>) -> pirouette_body::Sex {
     match sex {
-        Some(args::Sex::Female) => mannequin::Sex::Female,
-        Some(args::Sex::Male) => mannequin::Sex::Male,
-        None => mannequin::Sex::Neutral,
+        Some(args::Sex::Female) => pirouette_body::Sex::Female,
+        Some(args::Sex::Male) => pirouette_body::Sex::Male,
+        None => pirouette_body::Sex::Neutral,
     }
 }

@@ -4,17 +4,17 @@ use std::fmt::Write;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use pirouette::avatar::mannequin::{MannequinParameters, mannequin};
-use pirouette::avatar::{Avatar, ReferencePose};
-use pirouette::io::atomic::{make_folder, write_whole};
-use pirouette::io::mesh::MeshFormat;
-use pirouette::io::photo::encode_mask;
-use pirouette::io::results::ResultOptions;
-use pirouette::io::scan_folder::write_scan;
 use pirouette::measure::{Measure, Measurements, measure_figure};
 use pirouette::pipeline::{CancelToken, Goal};
-use pirouette::sizes::built_in_charts;
-use pirouette::synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
+use pirouette_body::mannequin::{MannequinParameters, mannequin};
+use pirouette_body::{Avatar, ReferencePose};
+use pirouette_files::formats::charts::built_in_charts;
+use pirouette_files::formats::mesh::MeshFormat;
+use pirouette_files::formats::photo::encode_mask;
+use pirouette_files::results::ResultOptions;
+use pirouette_files::scan_folder::write_scan;
+use pirouette_files::sink::{make_folder, write_whole};
+use pirouette_synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
 use serde_json::{Map, Value, json};
 
 use crate::args::{DemoArgs, Pose};

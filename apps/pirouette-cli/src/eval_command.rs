@@ -1,11 +1,7 @@
 //! `pirouette eval`: studies on rendered people, and scores against truth.
 
 use anyhow::{Context, Result, bail};
-use pirouette::io::atomic::{make_folder, write_whole};
-use pirouette::io::mesh::MeshFormat;
-use pirouette::io::results::ResultOptions;
 use pirouette::pipeline::{CancelToken, Goal};
-use pirouette::sizes::built_in_charts;
 use pirouette_eval::ablation::{self, AblationOptions};
 use pirouette_eval::bodies::{self, BodiesOptions};
 use pirouette_eval::folders::{
@@ -14,6 +10,10 @@ use pirouette_eval::folders::{
 use pirouette_eval::published::{self, Effort};
 use pirouette_eval::tapes::{self, TapesOptions};
 use pirouette_eval::{Step, StudyError};
+use pirouette_files::formats::charts::built_in_charts;
+use pirouette_files::formats::mesh::MeshFormat;
+use pirouette_files::results::ResultOptions;
+use pirouette_files::sink::{make_folder, write_whole};
 use serde_json::{Value, json};
 
 use crate::args::{

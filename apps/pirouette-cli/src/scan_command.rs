@@ -4,14 +4,17 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use pirouette::io::export::{ExportFormat, write_exports};
-use pirouette::io::mesh::MeshFormat;
-use pirouette::io::results::{ResultOptions, result_value, write_results};
-use pirouette::io::scan_folder::{LoadOptions, LoadedScan, load_scan};
-use pirouette::pipeline::{self, AvatarSource, CancelToken, Config, Event, Goal, Report, Stage};
+use pirouette::pipeline;
+use pirouette::pipeline::{AvatarSource, CancelToken, Config, Event, Goal, Report, Stage};
 use pirouette::scale::{scale_by_card, scale_by_pixels};
 use pirouette::scan::StatureFrom;
-use pirouette::sizes::{Advice, Chart, built_in_charts, parse_charts};
+use pirouette::sizes::{Advice, Chart, advise_person};
+use pirouette_files::formats::charts::{built_in_charts, parse_charts};
+use pirouette_files::formats::export::{ExportFormat, write_exports};
+use pirouette_files::formats::mesh::MeshFormat;
+use pirouette_files::report::json::measurements_json;
+use pirouette_files::results::{ResultOptions, result_value, write_results};
+use pirouette_files::scan_folder::{LoadOptions, LoadedScan, load_scan};
 use serde_json::{Value, json};
 
 use crate::args::{Method, MethodArgs, ScaleSource, ScanArgs};
@@ -189,7 +192,7 @@ impl Done {
         let measurements = self.report.measurements.as_ref();
         for part in [
             Some(result),
-            measurements.map(|m| m.to_json(&m.advise(charts))),
+            measurements.map(|m| measurements_json(m, &advise_person(m, charts))),
         ] {
             if let Some(Value::Object(part)) = part {
                 for (key, entry) in part {
@@ -229,7 +232,7 @@ impl Done {
             }
             if measurements.in_mm() && measurements.subject.sex.is_some() {
                 text.push('\n');
-                text.push_str(&size_lines(&measurements.advise(charts)));
+                text.push_str(&size_lines(&advise_person(measurements, charts)));
             }
         }
         text

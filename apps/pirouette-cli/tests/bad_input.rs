@@ -5,8 +5,8 @@
 mod common;
 
 use common::Folders;
-use pirouette::geom::Mask;
-use pirouette::io::photo::encode_mask;
+use pirouette_files::formats::photo::encode_mask;
+use pirouette_geom::Mask;
 
 /// Spoils one of four views, scans, and hands back why that view was left out
 #[track_caller]
@@ -63,7 +63,7 @@ fn a_view_where_nobody_was_found_is_left_out() {
 fn a_black_photo_is_left_out() {
     let reason = reason_for_leaving_out(|folders| {
         let black = pirouette::scan::Photo::filled(200, 250, [0; 3]);
-        let jpeg = pirouette::io::photo::encode_jpeg(&black, 90).unwrap();
+        let jpeg = pirouette_files::formats::photo::encode_jpeg(&black, 90).unwrap();
         folders.write("scan/001.jpg", jpeg);
     });
     assert!(reason.contains("one color"), "{reason}");
@@ -92,7 +92,7 @@ fn a_keypoint_file_with_nan_is_left_out() {
 fn a_photo_of_one_pixel_is_left_out() {
     let reason = reason_for_leaving_out(|folders| {
         let pixel = pirouette::scan::Photo::filled(1, 1, [90; 3]);
-        let png = pirouette::io::photo::encode_photo_png(&pixel).unwrap();
+        let png = pirouette_files::formats::photo::encode_photo_png(&pixel).unwrap();
         folders.write("scan/001.jpg", png);
     });
     assert!(reason.contains("1 x 1 px"), "{reason}");

@@ -120,7 +120,7 @@ fn arap_moves_the_rest_along() {
     ])
     .exits_with(0);
     let written = std::fs::read(&out).unwrap();
-    let deformed = pirouette::io::mesh::read_off(&written).unwrap();
+    let deformed = pirouette_files::formats::mesh::read_off(&written).unwrap();
     for (index, (x, y)) in [
         (3.0, 4.0),
         (13.0, 4.0),

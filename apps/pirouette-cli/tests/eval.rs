@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Folders, person, pirouette, text};
-use pirouette::io::photo::encode_mask;
+use pirouette_files::formats::photo::encode_mask;
 
 /// A scan folder with the true silhouettes in it
 fn with_truth() -> Folders {

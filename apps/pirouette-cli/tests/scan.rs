@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Folders, person, pirouette, text};
-use pirouette::io::photo::decode_mask;
+use pirouette_files::formats::photo::decode_mask;
 
 #[test]
 fn scan_writes_the_whole_result_folder() {
@@ -19,7 +19,7 @@ fn scan_writes_the_whole_result_folder() {
         assert!(folders.out().join(format!("body.{ending}")).exists());
     }
     let bytes = std::fs::read(folders.out().join("body.ply")).unwrap();
-    let body = pirouette::io::mesh::read_ply(&bytes).unwrap();
+    let body = pirouette_files::formats::mesh::read_ply(&bytes).unwrap();
     body.check().unwrap();
     let (low, high) = body.bounds().unwrap();
     assert!((high.y - low.y - 1650.0).abs() < 60.0, "{low} {high}");
@@ -159,7 +159,7 @@ fn a_given_mask_is_the_result() {
     let folders = Folders::empty();
     let mut person = person().clone();
     person.scan.views[2].mask = Some(person.truth.silhouettes[2].clone());
-    pirouette_testkit::people::write(&folders.scan(), &person);
+    pirouette_files::scan_folder::write_scan(&folders.scan(), &person.scan).unwrap();
     folders.run("segment", &[]).exits_with(0);
     let file = folders.out().join("views/002/mask.png");
     let mask = decode_mask(&std::fs::read(file).unwrap()).unwrap();

@@ -5,8 +5,8 @@
 use std::error::Error;
 use std::path::Path;
 
-use pirouette::io::scan_folder::write_scan;
 use pirouette_bench::photograph;
+use pirouette_files::scan_folder::write_scan;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

@@ -12,16 +12,16 @@ use std::time::Instant;
 
 use glam::DVec2;
 use pirouette::carve::CarveOptions;
-use pirouette::geom::arap::{ArapOptions, ArapSolver, ArapStart, ArapWeights};
-use pirouette::geom::contour::trace_contours;
-use pirouette::geom::distance_map::{distance_to, signed_distance};
-use pirouette::geom::planar_mesh::{TriangulateOptions, triangulate};
-use pirouette::geom::{Grid, Mask};
-use pirouette::io::atomic::{make_folder, write_whole};
-use pirouette::io::photo::{encode_mask, encode_photo_png};
 use pirouette::normalize::register::{ReferenceContourMap, RegisterOptions, register};
 use pirouette::segment::{SegmentOptions, Silhouette, segment};
 use pirouette_bench::{HeldMesh, PlanarPoints, Stages, VIEW_COUNT};
+use pirouette_files::formats::photo::{encode_mask, encode_photo_png};
+use pirouette_files::sink::{make_folder, write_whole};
+use pirouette_geom::arap::{ArapOptions, ArapSolver, ArapStart, ArapWeights};
+use pirouette_geom::contour::trace_contours;
+use pirouette_geom::distance_map::{distance_to, signed_distance};
+use pirouette_geom::planar_mesh::{TriangulateOptions, triangulate};
+use pirouette_geom::{Grid, Mask};
 use serde_json::{Map, Value, json};
 
 type Failure = Box<dyn Error + Send + Sync>;
@@ -148,7 +148,7 @@ fn time(stages: &Stages, folder: &Path) -> Result<Map<String, Value>, Failure> {
             let solver = ArapSolver::with_weights(&held.mesh, &held.constrained, weights)?;
             Ok(solver.deform(&held.targets, &ARAP).positions)
         });
-        deformed.collect::<Result<Vec<_>, pirouette::geom::arap::ArapError>>()
+        deformed.collect::<Result<Vec<_>, pirouette_geom::arap::ArapError>>()
     });
     times.insert("arap".into(), json!(ms));
     let described = held.iter().zip(deformed?).map(|(held, deformed)| {

@@ -1,8 +1,9 @@
 //! What each part of the method is good for: the same people, with one part off at a time.
 
-use pirouette::avatar::mannequin::{DEFAULT_BMI, Sex};
-use pirouette::fit::FitOptions;
+use pirouette::body_fit::FitOptions;
 use pirouette::pipeline::{AvatarSource, CancelToken, Config, Goal, Method};
+use pirouette_body::Sex;
+use pirouette_body::mannequin::DEFAULT_BMI;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 

@@ -8,12 +8,12 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use pirouette::geom::{Mask, TriMesh};
-use pirouette::io::mesh::{ReadMeshError, read_obj, read_off, read_ply};
-use pirouette::io::photo::{PhotoError, decode_mask, resample};
-use pirouette::io::scan_folder::{LoadOptions, ScanError, load_scan};
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, PipelineError, run};
 use pirouette::scan::Scan;
+use pirouette_files::formats::mesh::{ReadMeshError, read_obj, read_off, read_ply};
+use pirouette_files::formats::photo::{PhotoError, decode_mask, resample};
+use pirouette_files::scan_folder::{LoadOptions, ScanError, load_scan};
+use pirouette_geom::{Mask, TriMesh};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use thiserror::Error;

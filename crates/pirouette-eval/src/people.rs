@@ -8,10 +8,11 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
-use pirouette::avatar::Avatar;
-use pirouette::avatar::mannequin::{MannequinError, MannequinParameters, Sex, mannequin};
-use pirouette::skeleton::Bone;
-use pirouette::synthetic::{
+use pirouette_body::Avatar;
+use pirouette_body::Bone;
+use pirouette_body::Sex;
+use pirouette_body::mannequin::{MannequinError, MannequinParameters, mannequin};
+use pirouette_synthetic::{
     Clutter, Random, SyntheticOptions, SyntheticScan, synthesize, with_posture,
 };
 
@@ -273,7 +274,7 @@ mod tests {
             "{}",
             error.mean_mm
         );
-        let mirrored = pirouette::geom::TriMesh {
+        let mirrored = pirouette_geom::TriMesh {
             positions: person
                 .figure
                 .mesh

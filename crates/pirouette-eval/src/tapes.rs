@@ -7,7 +7,7 @@ use std::fmt::Write;
 
 use pirouette::measure::{Estimate, Measure, measure_figure};
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, run};
-use pirouette::synthetic::Random;
+use pirouette_synthetic::Random;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 

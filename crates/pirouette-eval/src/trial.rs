@@ -1,10 +1,10 @@
 //! One job on one rendered person, and how well it went.
 
-use pirouette::geom::Mask;
 use pirouette::measure::{Measure, measure_figure};
 use pirouette::pipeline::{CancelToken, Config, Report, run};
-use pirouette::skeleton::Bone;
-use pirouette::synthetic::{SyntheticScan, Truth};
+use pirouette_body::Bone;
+use pirouette_geom::Mask;
+use pirouette_synthetic::{SyntheticScan, Truth};
 use serde_json::{Value, json};
 
 use crate::people::Person;

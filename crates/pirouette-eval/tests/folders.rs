@@ -5,14 +5,15 @@
 use std::fs;
 use std::path::Path;
 
-use pirouette::geom::Mask;
-use pirouette::io::mesh::MeshFormat;
-use pirouette::io::photo::encode_mask;
 use pirouette::pipeline::CancelToken;
 use pirouette_eval::folders::{
     ScoreError, photo_table, scan_table, score_photos, score_scan, with_truth,
 };
-use pirouette_testkit::people;
+use pirouette_files::formats::mesh::MeshFormat;
+use pirouette_files::formats::photo::encode_mask;
+use pirouette_files::scan_folder::write_scan;
+use pirouette_geom::Mask;
+use pirouette_synthetic::people;
 
 /// A rectangle
 fn mask(x0: usize, width: usize) -> Mask {
@@ -112,7 +113,7 @@ fn single_photos_are_segmented_and_scored_each_for_itself() {
     let mut person = people::turning_woman(4);
     person.scan.views.truncate(2);
     let folder = tempfile::tempdir().unwrap();
-    people::write(folder.path(), &person);
+    write_scan(folder.path(), &person.scan).unwrap();
     for (view, silhouette) in person.scan.views.iter().zip(&person.truth.silhouettes) {
         let name = format!("truth/{}_mask.png", view.name);
         write_mask(&folder.path().join(name), silhouette);

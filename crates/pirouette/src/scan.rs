@@ -2,10 +2,10 @@
 
 use pirouette_geom::{Grid, Mask};
 
-use crate::avatar::ReferencePose;
-use crate::avatar::mannequin::Sex;
-use crate::skeleton::Keypoints;
-use crate::units::TurnAngle;
+use pirouette_body::Keypoints;
+use pirouette_body::ReferencePose;
+use pirouette_body::Sex;
+use pirouette_body::TurnAngle;
 
 /// RGB pixels as given, after the EXIF orientation was applied
 pub type Photo = Grid<[u8; 3]>;

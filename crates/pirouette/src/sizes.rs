@@ -1,16 +1,14 @@
 //! Sizes of garments: from body dimensions and their deviations to one size, two neighbors, or "not sure".
 //!
-//! Charts are data (`assets/size_charts.toml`, after EN 13402-3); a shop gives its own. They describe bodies, not garments.
+//! Charts are data (built-in ones after EN 13402-3); a shop gives its own. They describe bodies, not garments.
 //! The probability of a size is the mass of a normal distribution within its interval of the primary dimension, times
 //! that within the intervals of the secondary ones, widened by half a size: few people have the usual build throughout.
 
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-use crate::avatar::mannequin::Sex;
+use crate::measure::Measurements;
 
-/// The charts that come with the program
-const CHARTS: &str = include_str!("../../../assets/size_charts.toml");
+use pirouette_body::Sex;
 
 /// The answer is one size from this probability on
 const ONE_SIZE: f64 = 0.75;
@@ -70,165 +68,11 @@ pub struct Size {
 }
 
 impl Size {
-    fn interval_mm(&self, key: &str) -> Option<[f64; 2]> {
+    /// Interval of a measure by its key, in mm
+    pub fn interval_mm(&self, key: &str) -> Option<[f64; 2]> {
         let entry = self.intervals_mm.iter().find(|(k, _)| k == key);
         entry.map(|(_, interval)| *interval)
     }
-}
-
-/// Why a chart cannot be used
-#[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
-pub enum ChartError {
-    #[error("not a size chart: {0}")]
-    Toml(#[from] toml::de::Error),
-    #[error("there is no `[[chart]]`")]
-    Empty,
-    #[error(
-        "chart \"{chart}\": there is no size; give `size = [ {{ name = .., {primary} = [from, to] }}, .. ]`"
-    )]
-    NoSizes { chart: String, primary: String },
-    #[error(
-        "chart \"{chart}\", size \"{size}\": `{key}` is no measure with a value in cm; see measurements.json for the names"
-    )]
-    UnknownMeasure {
-        chart: String,
-        size: String,
-        key: String,
-    },
-    #[error(
-        "chart \"{chart}\", size \"{size}\": `{key}` runs from {from} to {to} cm; the bounds must rise and be positive"
-    )]
-    Interval {
-        chart: String,
-        size: String,
-        key: String,
-        from: f64,
-        to: f64,
-    },
-    #[error("chart \"{chart}\", size \"{size}\": it lacks the primary measure `{primary}`")]
-    NoPrimary {
-        chart: String,
-        size: String,
-        primary: String,
-    },
-    #[error(
-        "chart \"{chart}\": sizes must be in rising order of `{primary}` without overlap; \"{size}\" is not"
-    )]
-    Order {
-        chart: String,
-        size: String,
-        primary: String,
-    },
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    #[serde(default)]
-    chart: Vec<ChartEntry>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ChartEntry {
-    name: String,
-    #[serde(default)]
-    system: String,
-    sex: Option<ChartSex>,
-    #[serde(default)]
-    garment: String,
-    primary: String,
-    #[serde(default)]
-    secondary: Vec<String>,
-    size: Vec<SizeEntry>,
-}
-
-#[derive(Deserialize)]
-struct SizeEntry {
-    name: String,
-    #[serde(flatten)]
-    intervals: std::collections::BTreeMap<String, [f64; 2]>,
-}
-
-/// The charts that come with the program
-///
-/// # Panics
-/// Never: they are part of the program, and a test reads them.
-pub fn built_in_charts() -> Vec<Chart> {
-    parse_charts(CHARTS).expect("the charts of the program are sound")
-}
-
-/// Reads charts in the form of `assets/size_charts.toml`
-///
-/// # Errors
-/// When it is no TOML, has keys that are not known, or sizes that do not rise; the message says where.
-pub fn parse_charts(text: &str) -> Result<Vec<Chart>, ChartError> {
-    let file: File = toml::from_str(text)?;
-    if file.chart.is_empty() {
-        return Err(ChartError::Empty);
-    }
-    file.chart.into_iter().map(check_chart).collect()
-}
-
-fn check_chart(entry: ChartEntry) -> Result<Chart, ChartError> {
-    let (chart, primary) = (entry.name.clone(), entry.primary.clone());
-    if entry.size.is_empty() {
-        return Err(ChartError::NoSizes { chart, primary });
-    }
-    let known = |key: &str| crate::measure::Measure::ALL.iter().any(|m| m.name() == key);
-    let mut sizes: Vec<Size> = Vec::new();
-    for size in entry.size {
-        let mut intervals_mm = Vec::new();
-        for (key, [from, to]) in size.intervals {
-            let (chart, size) = (chart.clone(), size.name.clone());
-            if !known(&key) {
-                return Err(ChartError::UnknownMeasure { chart, size, key });
-            }
-            if !(from >= 0.0 && to > from && to.is_finite()) {
-                return Err(ChartError::Interval {
-                    chart,
-                    size,
-                    key,
-                    from,
-                    to,
-                });
-            }
-            intervals_mm.push((key, [10.0 * from, 10.0 * to]));
-        }
-        let checked = Size {
-            name: size.name,
-            intervals_mm,
-        };
-        let (chart, size) = (chart.clone(), checked.name.clone());
-        let Some([from, _]) = checked.interval_mm(&primary) else {
-            let primary = primary.clone();
-            return Err(ChartError::NoPrimary {
-                chart,
-                size,
-                primary,
-            });
-        };
-        let before = sizes.last().and_then(|s| s.interval_mm(&primary));
-        if before.is_some_and(|[_, to]| from < to - 1e-9) {
-            let primary = primary.clone();
-            return Err(ChartError::Order {
-                chart,
-                size,
-                primary,
-            });
-        }
-        sizes.push(checked);
-    }
-    Ok(Chart {
-        name: entry.name,
-        system: entry.system,
-        sex: entry.sex,
-        garment: entry.garment,
-        primary: entry.primary,
-        secondary: entry.secondary,
-        sizes,
-    })
 }
 
 /// What a chart says about a person
@@ -381,118 +225,27 @@ fn normal_below(z: f64) -> f64 {
     if z > 0.0 { 1.0 - tail } else { tail }
 }
 
+/// What the charts for a person of this sex say; all charts when it was not told
+pub fn advise_person(measurements: &Measurements, charts: &[Chart]) -> Vec<Advice> {
+    let sex = measurements.subject.sex.and_then(ChartSex::of);
+    let fits = |chart: &&Chart| sex.is_none() || chart.sex.is_none() || chart.sex == sex;
+    let dimension = |key: &str| {
+        let (_, measured) = measurements.iter().find(|(m, _)| m.name() == key)?;
+        let known = measurements.in_mm().then_some(measured.value_mm.ok()?)?;
+        Some((known, measured.sd_mm?))
+    };
+    let charts = charts.iter().filter(fits);
+    charts.map(|chart| advise(chart, &dimension)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
-
-    fn chart(name: &str) -> Chart {
-        let charts = built_in_charts();
-        let found = charts.into_iter().find(|c| c.name == name);
-        found.expect("there is a chart of that name")
-    }
-
-    fn letters() -> Chart {
-        chart("EN 13402-3, men, letters, tops")
-    }
-
-    fn advice(chart: &Chart, dimensions: &[(&str, f64, f64)]) -> Advice {
-        advise(chart, &|key| {
-            let entry = dimensions.iter().find(|(k, _, _)| *k == key);
-            entry.map(|(_, mm, sd)| (*mm, *sd))
-        })
-    }
-
-    #[test]
-    fn the_middle_of_an_interval_is_one_size() {
-        let found = advice(
-            &letters(),
-            &[("bust_girth", 980.0, 15.0), ("waist_girth", 860.0, 12.0)],
-        );
-        assert_eq!(found.sizes, ["M"]);
-        assert_eq!(found.by_measure[0].1.as_deref(), Some("M"));
-    }
-
-    #[test]
-    fn an_edge_is_two_sizes_and_the_build_tells_which_first() {
-        let slim = [("bust_girth", 1020.0, 15.0), ("waist_girth", 800.0, 12.0)];
-        assert_eq!(advice(&letters(), &slim).sizes[0], "M");
-        let alone = [("bust_girth", 1021.0, 15.0)];
-        assert_eq!(advice(&letters(), &alone).sizes, ["L", "M"]);
-        let stout = [("bust_girth", 1020.0, 15.0), ("waist_girth", 1010.0, 12.0)];
-        assert_eq!(advice(&letters(), &stout).sizes[0], "L");
-    }
-
-    #[test]
-    fn who_is_not_known_well_or_not_in_the_chart_gets_no_size() {
-        for (mm, sd) in [(980.0, 120.0), (400.0, 15.0), (2000.0, 15.0)] {
-            let found = advice(&letters(), &[("bust_girth", mm, sd)]);
-            assert!(found.sizes.is_empty(), "{found:?}");
-            assert!(found.verdict.starts_with("not sure"));
-        }
-        let found = advice(&letters(), &[("waist_girth", 900.0, 10.0)]);
-        assert!(found.verdict.contains("bust girth could not be measured"));
-    }
-
-    #[test]
-    fn german_sizes_follow_the_bust() {
-        let women = chart("EN 13402-3, women, tops and dresses");
-        for (bust_mm, size) in [(760.0, "32"), (920.0, "40"), (1040.0, "46"), (1100.0, "48")] {
-            let found = advice(&women, &[("bust_girth", bust_mm, 5.0)]);
-            assert_eq!(found.sizes, [size]);
-        }
-    }
-
-    #[test]
-    fn charts_that_make_no_sense_are_refused_with_the_place() {
-        let error = |text: &str| parse_charts(text).unwrap_err().to_string();
-        assert!(error("x = 3").contains("x"));
-        assert!(error("").contains("[[chart]]"));
-        let sized = |sizes: &str| {
-            format!("[[chart]]\nname = \"own\"\nprimary = \"bust_girth\"\nsize = [{sizes}]")
-        };
-        assert!(error(&sized("")).contains("no size"));
-        assert!(error(&sized("{ name = \"S\", bust = [80, 90] }")).contains("`bust`"));
-        assert!(error(&sized("{ name = \"S\", waist_girth = [80, 90] }")).contains("primary"));
-        assert!(error(&sized("{ name = \"S\", bust_girth = [90, 80] }")).contains("90"));
-        assert!(error(&sized("{ name = \"S\", bust_girth = [nan, 80] }")).contains("\"S\""));
-        let both =
-            "{ name = \"S\", bust_girth = [80, 90] }, { name = \"M\", bust_girth = [85, 95] }";
-        assert!(error(&sized(both)).contains("\"M\""));
-        let good =
-            "{ name = \"S\", bust_girth = [80, 90] }, { name = \"M\", bust_girth = [90, 99] }";
-        assert_eq!(parse_charts(&sized(good)).unwrap()[0].sizes.len(), 2);
-    }
 
     #[test]
     fn normal_masses_are_those_of_the_tables() {
         assert!((normal_mass(0.0, 1.0, [-1.0, 1.0]) - 0.682_689).abs() < 1e-6);
         assert!((normal_below(1.96) - 0.975_002).abs() < 1e-6);
         assert!((normal_mass(3.0, 0.0, [2.0, 4.0]) - 1.0).abs() < 1e-12);
-    }
-
-    proptest! {
-        #[test]
-        fn probabilities_are_probabilities_and_sizes_neighbors(
-            bust in 500.0..1900.0f64,
-            waist in 500.0..1900.0f64,
-            sd in 0.0..80.0f64,
-        ) {
-            for chart in built_in_charts() {
-                let found = advise(&chart, &|key| match key {
-                    "bust_girth" | "hip_girth" => Some((bust, sd)),
-                    "neck_girth" => Some((bust / 2.5, sd)),
-                    _ => Some((waist, sd)),
-                });
-                let sum: f64 = found.probabilities.iter().map(|p| p.1).sum();
-                prop_assert!(sum <= 1.01, "{:?}", found);
-                prop_assert!(found.sizes.len() <= 2);
-                let place = |name: &String| chart.sizes.iter().position(|s| s.name == *name);
-                if let [a, b] = &found.sizes[..] {
-                    let (a, b) = (place(a).unwrap(), place(b).unwrap());
-                    prop_assert_eq!(a.abs_diff(b), 1);
-                }
-            }
-        }
     }
 }

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use pirouette::io::export::ExportFormat;
-use pirouette::io::mesh::MeshFormat;
+use pirouette_files::formats::export::ExportFormat;
+use pirouette_files::formats::mesh::MeshFormat;
 
 /// Arguments of the main job and its stages
 #[derive(Debug, Args)]

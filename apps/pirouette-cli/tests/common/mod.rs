@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 use std::sync::OnceLock;
 
-use pirouette::synthetic::SyntheticScan;
-use pirouette_testkit::people;
+use pirouette_files::scan_folder::write_scan;
+use pirouette_synthetic::SyntheticScan;
+use pirouette_synthetic::people;
 use serde_json::Value;
 
 /// A scan folder and a place for results, both temporary
@@ -28,7 +29,7 @@ impl Folders {
         let folders = Self::empty();
         let mut person = person().clone();
         person.scan.views.truncate(view_count);
-        people::write(&folders.scan(), &person);
+        write_scan(&folders.scan(), &person.scan).expect("test folders can be written");
         folders
     }
 

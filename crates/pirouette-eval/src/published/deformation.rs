@@ -1,17 +1,17 @@
 //! Table 1: arm joints moved by up to 50 px, and back, by the deformation.
 
 use glam::DVec2;
-use pirouette::avatar::render::SilhouetteMesh;
-use pirouette::geom::morphology::dilate;
-use pirouette::geom::{Grid, Mask, Windowed};
 use pirouette::normalize::deform::{
     ContourSource, DeformError, DeformOptions, DeformableSilhouette, fill_contours, handles,
     trace_silhouette,
 };
 use pirouette::normalize::{JointPositions, NormalizeMethod, ReferenceView};
-use pirouette::skeleton::Joint;
-use pirouette::synthetic::Random;
-use pirouette::units::TurnAngle;
+use pirouette_body::Joint;
+use pirouette_body::TurnAngle;
+use pirouette_body::render::SilhouetteMesh;
+use pirouette_geom::morphology::dilate;
+use pirouette_geom::{Grid, Mask, Windowed};
+use pirouette_synthetic::Random;
 use serde_json::json;
 
 use super::picture::{difference, side_by_side};

@@ -1,7 +1,7 @@
 //! The published search of a registration, slow and obvious: the twin that the fast one is compared with.
 
 use glam::DVec2;
-use pirouette::geom::chain::RigidMotion;
+use pirouette_geom::chain::RigidMotion;
 
 /// Rounds, each around the best so far
 const ROUNDS: usize = 10;

@@ -17,10 +17,10 @@ mod segmentation;
 
 use std::path::PathBuf;
 
-use pirouette::camera::Camera;
 use pirouette::pipeline::CancelToken;
 use pirouette::scan::Photo;
-use pirouette::synthetic::SyntheticOptions;
+use pirouette_body::Camera;
+use pirouette_synthetic::SyntheticOptions;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 

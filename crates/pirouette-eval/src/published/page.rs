@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use pirouette::io::escape_html;
-use pirouette::io::photo::encode_photo_png;
+use pirouette_files::formats::photo::encode_photo_png;
+use pirouette_files::report::escape_html;
 use thiserror::Error;
 
 use super::{Experiment, Picture, Results};
@@ -250,7 +250,7 @@ fn prose(text: &str) -> String {
 mod tests {
     use super::*;
     use crate::published::{Effort, Figure};
-    use pirouette::geom::Grid;
+    use pirouette_geom::Grid;
 
     fn results(error_px: f64) -> Results {
         let mut table = Table::new("by <angle>", &["turn", "px"]);

@@ -1,7 +1,7 @@
 //! Small pictures of masks.
 
-use pirouette::geom::{Grid, Mask};
 use pirouette::scan::Photo;
+use pirouette_geom::{Grid, Mask};
 
 const INSIDE: [u8; 3] = [176, 182, 190];
 const OUTSIDE: [u8; 3] = [255, 255, 255];

@@ -1,21 +1,21 @@
 //! 3D reconstruction: what each step brings.
 
-use pirouette::avatar::Avatar;
-use pirouette::avatar::render::SilhouetteMesh;
-use pirouette::avatar::render::silhouette;
-use pirouette::bundle::Bundle;
 use pirouette::carve::{CarveOptions, CarveView, carve};
-use pirouette::geom::TriMesh;
-use pirouette::geom::outline_map::OutlineMap;
 use pirouette::measure::{Measure, measure_figure};
 use pirouette::normalize::{
     NormalizeMethod, NormalizeOptions, NormalizeView, ReferenceView, RefineOptions,
     RegisterOptions, normalize, shared_skeleton_joints,
 };
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, Report, run as run_job};
-use pirouette::pose::{Pose, pose_bones};
-use pirouette::synthetic::SyntheticScan;
-use pirouette::units::TurnAngle;
+use pirouette::skeleton_fit::Bundle;
+use pirouette_body::Avatar;
+use pirouette_body::TurnAngle;
+use pirouette_body::render::SilhouetteMesh;
+use pirouette_body::render::silhouette;
+use pirouette_body::{Pose, pose_bones};
+use pirouette_geom::TriMesh;
+use pirouette_geom::outline_map::OutlineMap;
+use pirouette_synthetic::SyntheticScan;
 use serde_json::{Value, json};
 
 use super::picture::{difference, side_by_side};

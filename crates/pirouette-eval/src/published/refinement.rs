@@ -1,18 +1,18 @@
 //! Table 3: angles of arms recovered by the refinement.
 
 use glam::{DVec2, DVec3};
-use pirouette::avatar::render::silhouette;
-use pirouette::camera::Camera;
-use pirouette::geom::contour::trace_outline;
-use pirouette::geom::{Grid, Mask};
 use pirouette::normalize::refine::{Limb, refine};
 use pirouette::normalize::register::ReferenceContourMap;
 use pirouette::normalize::{RefineOptions, shared_skeleton_joints};
 use pirouette::pipeline::CancelToken;
-use pirouette::pose::{Pose, pose_bones};
-use pirouette::skeleton::{Bone, Joint};
-use pirouette::synthetic::Random;
-use pirouette::units::TurnAngle;
+use pirouette_body::Camera;
+use pirouette_body::TurnAngle;
+use pirouette_body::render::silhouette;
+use pirouette_body::{Bone, Joint};
+use pirouette_body::{Pose, pose_bones};
+use pirouette_geom::contour::trace_outline;
+use pirouette_geom::{Grid, Mask};
+use pirouette_synthetic::Random;
 use serde_json::{Value, json};
 
 use super::picture::{difference, side_by_side};

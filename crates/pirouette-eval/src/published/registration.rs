@@ -3,21 +3,22 @@
 use std::time::Instant;
 
 use glam::{DVec2, DVec3};
-use pirouette::avatar::Avatar;
-use pirouette::avatar::mannequin::{DEFAULT_BMI, MannequinParameters, Sex, mannequin};
-use pirouette::avatar::render::silhouette;
-use pirouette::geom::chain::RigidMotion;
-use pirouette::geom::contour::trace_outline;
-use pirouette::geom::coverage::fill_polygons;
-use pirouette::geom::distance_map::distance_to;
-use pirouette::geom::{Grid, Mask};
 use pirouette::normalize::register::{ReferenceContourMap, register};
 use pirouette::normalize::{RegisterOptions, shared_skeleton_joints};
 use pirouette::pipeline::CancelToken;
-use pirouette::pose::{Pose, pose_bones};
-use pirouette::skeleton::Bone;
-use pirouette::synthetic::Random;
-use pirouette::units::TurnAngle;
+use pirouette_body::Avatar;
+use pirouette_body::Bone;
+use pirouette_body::Sex;
+use pirouette_body::TurnAngle;
+use pirouette_body::mannequin::{DEFAULT_BMI, MannequinParameters, mannequin};
+use pirouette_body::render::silhouette;
+use pirouette_body::{Pose, pose_bones};
+use pirouette_geom::chain::RigidMotion;
+use pirouette_geom::contour::trace_outline;
+use pirouette_geom::coverage::fill_polygons;
+use pirouette_geom::distance_map::distance_to;
+use pirouette_geom::{Grid, Mask};
+use pirouette_synthetic::Random;
 use serde_json::{Value, json};
 
 use super::exhaustive::{self, Found};

@@ -1,9 +1,9 @@
 //! Segmentation of people from skeleton seeds.
 
-use pirouette::geom::Mask;
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, run as run_job};
 use pirouette::segment::SegmentOptions;
-use pirouette::synthetic::SyntheticScan;
+use pirouette_geom::Mask;
+use pirouette_synthetic::SyntheticScan;
 use serde_json::json;
 
 use super::picture::{cut_out, difference, side_by_side};

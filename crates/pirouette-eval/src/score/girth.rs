@@ -1,8 +1,8 @@
 //! Girths of the trunk at given heights.
 
 use glam::{DVec2, DVec3};
-use pirouette::geom::TriMesh;
-use pirouette::geom::section::{convex_hull, perimeter, plane_section};
+use pirouette_geom::TriMesh;
+use pirouette_geom::section::{convex_hull, perimeter, plane_section};
 
 /// Loops of a section must be wider than this to be a trunk, in mm; arms and thighs are not
 const MIN_TRUNK_MM: f64 = 180.0;

@@ -1,6 +1,6 @@
 //! Overlap of masks.
 
-use pirouette::geom::Mask;
+use pirouette_geom::Mask;
 
 /// First search for the best shift goes this far in both directions, in px of the halved mask
 const REACH_PX: isize = 24;

@@ -1,9 +1,9 @@
 //! How far two bodies are apart.
 
 use glam::{DMat3, DVec3};
-use pirouette::geom::TriMesh;
-use pirouette::geom::nearest::NearestSurface;
-use pirouette::synthetic::Random;
+use pirouette_geom::TriMesh;
+use pirouette_geom::nearest::NearestSurface;
+use pirouette_synthetic::Random;
 use rayon::prelude::*;
 
 use crate::table::{mean, percentile};
@@ -212,7 +212,7 @@ fn align_step(points: &[DVec3], motion: &Motion, leaders: &NearestSurface) -> Op
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pirouette::avatar::mannequin::{MannequinParameters, mannequin};
+    use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
     fn figure() -> TriMesh {
         mannequin(&MannequinParameters::default()).unwrap().mesh

@@ -1,7 +1,7 @@
 //! Volume that two bodies have in common.
 
 use glam::DVec3;
-use pirouette::geom::TriMesh;
+use pirouette_geom::TriMesh;
 use rayon::prelude::*;
 
 use super::surface::Aligned;

@@ -8,7 +8,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{CarveError, CarveView, HullField, ViewSet};
-use crate::avatar::{Avatar, render::SilhouetteMesh};
+use pirouette_body::Avatar;
+use pirouette_body::render::SilhouetteMesh;
 use pirouette_geom::outline_map::OutlineMap;
 
 /// Only what is farther than this from the avatar's surface can be a phantom, in mm
@@ -168,14 +169,18 @@ impl NearestVertex {
 mod tests {
     use super::super::{CarveOptions, carve, carve_beside_avatar};
     use super::*;
-    use crate::avatar::mannequin::{MannequinParameters, mannequin};
-    use crate::avatar::render;
-    use crate::synthetic::SyntheticOptions;
+    use pirouette_body::mannequin::{MannequinParameters, mannequin};
+    use pirouette_body::render;
+    use pirouette_synthetic::SyntheticOptions;
 
     /// Outlines of a figure that stands still
     fn photographed(
         avatar: &Avatar,
-    ) -> Vec<(OutlineMap, crate::camera::Camera, crate::units::TurnAngle)> {
+    ) -> Vec<(
+        OutlineMap,
+        pirouette_body::Camera,
+        pirouette_body::TurnAngle,
+    )> {
         let camera = SyntheticOptions::camera_for(avatar.stature_mm(), 160, 200);
         SyntheticOptions::even_turns(8)
             .into_iter()

@@ -1,7 +1,7 @@
 use super::*;
-use crate::avatar::mannequin::{MannequinParameters, mannequin};
-use crate::skeleton::Bone;
-use crate::synthetic::SyntheticOptions;
+use pirouette_body::Bone;
+use pirouette_body::mannequin::{MannequinParameters, mannequin};
+use pirouette_synthetic::SyntheticOptions;
 
 const RED: [u8; 3] = [200, 40, 30];
 const BLUE: [u8; 3] = [30, 60, 190];

@@ -6,7 +6,7 @@ use super::landmarks::{find_sections, with_lowered_arms};
 use super::lengths;
 use super::tape::Tape;
 use super::{Girth, Landmark, Measure};
-use crate::avatar::Avatar;
+use pirouette_body::Avatar;
 
 /// A figure with its tapes and landmarks
 pub(super) struct Figure<'a> {
@@ -97,7 +97,7 @@ pub fn measure_figure(figure: &Avatar) -> Vec<(Measure, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::avatar::mannequin::{MannequinParameters, mannequin};
+    use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
     #[test]
     fn the_mannequin_has_every_measure_and_all_grow_with_its_stature() {

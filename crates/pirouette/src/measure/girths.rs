@@ -10,7 +10,7 @@ use super::figure::{Figure, moves_with_arms};
 use super::support::{FittedGirth, SeenView, find_lines, fit_girth};
 use super::tape::Tape;
 use super::{Estimate, Girth, Measure, MeasureInput, Measured, Method, Unavailable};
-use crate::avatar::ReferencePose;
+use pirouette_body::ReferencePose;
 
 /// Beyond this part of the girth, support lines say nothing
 ///

@@ -6,7 +6,7 @@ use pirouette_geom::section::{convex_hull, perimeter, plane_section};
 use super::figure::Figure;
 use super::{Estimate, Girth, Landmark, Measure, MeasureInput, Measured, Method, Unavailable};
 use crate::scan::StatureFrom;
-use crate::skeleton::Bone;
+use pirouette_body::Bone;
 
 /// Standard deviation of the scale by a card, as a share: what tilt and edges of few pixels leave
 const CARD_SCALE_SD: f64 = 0.01;

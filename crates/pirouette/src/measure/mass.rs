@@ -1,7 +1,5 @@
 //! Volume of the body, and the mass that follows from it.
 
-use serde_json::{Value, json};
-
 use super::MeasureInput;
 
 /// Mass over volume of a person who breathes quietly, in kg/l: tissue of 1.05 kg/l, and three liters of air
@@ -48,17 +46,4 @@ pub(super) fn find(input: &MeasureInput, scale_sd: f64) -> Option<BodyMass> {
         mass_sd_kg: share.hypot(DENSITY_SD) * mass_kg,
         stated_kg: input.subject.mass_kg,
     })
-}
-
-impl BodyMass {
-    pub(super) fn to_json(self) -> Value {
-        let tenths = |value: f64| (value * 10.0).round() / 10.0;
-        json!({
-            "volume_l": tenths(self.volume_l),
-            "volume_sd_l": tenths(self.volume_sd_l),
-            "mass_kg": tenths(self.mass_kg),
-            "mass_sd_kg": tenths(self.mass_sd_kg),
-            "stated_mass_kg": self.stated_kg,
-        })
-    }
 }

@@ -20,19 +20,19 @@ use glam::DVec3;
 use pirouette_geom::TriMesh;
 use rayon::prelude::*;
 
-use crate::avatar::Avatar;
-use crate::avatar::render::SilhouetteMesh;
-use crate::camera::Camera;
-use crate::pose::{Pose, pose_bones};
 use crate::scan::{StatureFrom, Subject};
-use crate::units::TurnAngle;
 use figure::Figure;
 pub use figure::measure_figure;
 pub use mass::BodyMass;
 pub use names::{Girth, Landmark, Measure};
+use pirouette_body::Avatar;
+use pirouette_body::Camera;
+use pirouette_body::TurnAngle;
+use pirouette_body::render::SilhouetteMesh;
+use pirouette_body::{Pose, pose_bones};
 use pirouette_geom::outline_map::OutlineMap;
 use support::SeenView;
-pub use value::{Estimate, Measured, Measurements, Method, Unavailable};
+pub use value::{Estimate, LengthUnit, Measured, Measurements, Method, Unavailable};
 
 /// A silhouette of the person
 #[derive(Debug, Clone, Copy)]

@@ -4,9 +4,8 @@
 //! The regressions know no age: it is written down with the results, and changes none.
 
 use super::{Estimate, Measure, MeasureInput, Measured, Method};
-use crate::avatar::mannequin::Sex;
-
-const TABLE: &str = include_str!("../../../../assets/ansur2_regressions.csv");
+use pirouette_body::Sex;
+use pirouette_body::survey::Regression;
 
 /// Tapes of the survey lie a little elsewhere, and its people are soldiers: standard deviation of that, as a share
 const DEFINITION_SD: f64 = 0.02;
@@ -40,17 +39,11 @@ pub(super) fn expect(
     mass_kg: f64,
 ) -> Option<Estimate> {
     let (dimension, factor) = dimension(measure)?;
-    let row = TABLE.lines().find_map(|line| {
-        let cells: Vec<&str> = line.split(',').collect();
-        (cells.first() == Some(&dimension) && cells.get(1) == Some(&sex.name())).then_some(cells)
-    })?;
-    let number = |i: usize| row.get(i)?.parse::<f64>().ok();
-    let stature_m = stature_mm / 1000.0;
-    let mean = number(4)? + number(5)? * stature_m + number(6)? * (mass_kg / stature_m).sqrt();
-    let value_mm = factor * mean;
+    let regression = Regression::of(dimension, sex)?;
+    let value_mm = factor * regression.mean_mm(stature_mm, mass_kg);
     Some(Estimate {
         value_mm,
-        sd_mm: (factor * number(7)?).hypot(DEFINITION_SD * value_mm),
+        sd_mm: (factor * regression.sd_mm).hypot(DEFINITION_SD * value_mm),
     })
 }
 

@@ -13,8 +13,8 @@ use glam::{DAffine3, DVec2, DVec3};
 use pirouette_geom::{Grid, distance_map::bilinear};
 
 use super::tape::Tape;
-use crate::camera::Camera;
-use crate::pose::PosedBones;
+use pirouette_body::Camera;
+use pirouette_body::PosedBones;
 use pirouette_geom::outline_map::OutlineMap;
 
 /// A view as tapes see it

@@ -4,8 +4,8 @@ use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 use pirouette_geom::section::{convex_hull, perimeter};
 
 use super::landmarks::Section;
-use crate::avatar::Avatar;
-use crate::pose::{PosedBones, SkinWeight};
+use pirouette_body::Avatar;
+use pirouette_body::{PosedBones, SkinWeight};
 
 /// The convex curve in which a tape is expected, in its plane
 #[derive(Debug, Clone)]

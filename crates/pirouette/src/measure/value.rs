@@ -1,11 +1,9 @@
 //! One measured value and what is known about it; all values of one person.
 
 use glam::DVec3;
-use serde_json::{Map, Value, json};
 
 use super::{BodyMass, Girth, Measure};
 use crate::scan::{StatureFrom, Subject};
-use crate::sizes::{Advice, Chart, ChartSex, advise};
 
 /// How a value was found
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -155,70 +153,31 @@ fn to_tenths(value_mm: f64) -> f64 {
     (value_mm * 10.0).round() / 10.0
 }
 
-/// In what lengths are told
-#[derive(Debug, Clone, Copy)]
-enum Unit {
+/// The unit in which lengths are reported
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LengthUnit {
+    /// Millimeters, rounded to tenths
     Millimeter,
     /// The height of the person, here in mm of a person of assumed height
     Stature(f64),
 }
 
-impl Unit {
+impl LengthUnit {
     /// End of the names of keys
-    fn suffix(self) -> &'static str {
+    pub fn suffix(self) -> &'static str {
         match self {
-            Unit::Millimeter => "_mm",
-            Unit::Stature(_) => "_per_stature",
+            LengthUnit::Millimeter => "_mm",
+            LengthUnit::Stature(_) => "_per_stature",
         }
     }
 
-    fn tell(self, value_mm: f64) -> f64 {
+    /// Converts a length in mm, rounded as files show it
+    pub fn convert(self, value_mm: f64) -> f64 {
         match self {
-            Unit::Millimeter => to_tenths(value_mm),
-            Unit::Stature(stature_mm) => (value_mm / stature_mm * 1e5).round() / 1e5,
+            LengthUnit::Millimeter => to_tenths(value_mm),
+            LengthUnit::Stature(stature_mm) => (value_mm / stature_mm * 1e5).round() / 1e5,
         }
     }
-}
-
-/// One measure as files show it
-fn details(measure: Measure, measured: &Measured, unit: Unit) -> Value {
-    let mut map = Map::new();
-    map.insert("definition".into(), json!(measure.definition()));
-    map.insert("method".into(), json!(measured.method));
-    if let Err(why) = measured.value_mm {
-        map.insert("missing".into(), json!(why.to_string()));
-    }
-    for (key, value) in [
-        ("left", measured.left_mm),
-        ("right", measured.right_mm),
-        ("level", measured.level_mm),
-        ("sd", measured.sd_mm),
-        ("scale_sd", measured.scale_sd_mm),
-    ] {
-        if let Some(value) = value {
-            map.insert(format!("{key}{}", unit.suffix()), json!(unit.tell(value)));
-        }
-    }
-    if let Some(views) = measured.view_count {
-        map.insert("views".into(), json!(views));
-    }
-    for (key, estimate) in [
-        ("support_lines", measured.lines),
-        ("body_tape", measured.body),
-        ("pixels", measured.pixels),
-        ("prior", measured.prior),
-    ] {
-        if let Some(Estimate { value_mm, sd_mm }) = estimate {
-            let (suffix, value, sd) = (unit.suffix(), unit.tell(value_mm), unit.tell(sd_mm));
-            let entry = [(&suffix[1..], value), (&format!("sd{suffix}")[..], sd)];
-            let entry = entry.map(|(key, value)| (key.to_owned(), json!(value)));
-            map.insert(key.into(), Value::Object(Map::from_iter(entry)));
-        }
-    }
-    if measured.contradicted {
-        map.insert("contradicted".into(), json!(true));
-    }
-    Value::Object(map)
 }
 
 /// All measures of one person
@@ -226,7 +185,7 @@ fn details(measure: Measure, measured: &Measured, unit: Unit) -> Value {
 pub struct Measurements {
     pub(super) values: Vec<(Measure, Measured)>,
     /// How the scale is known; `None` when it is not, and values are those of a person of assumed height
-    pub(super) stature: Option<StatureFrom>,
+    pub stature: Option<StatureFrom>,
     /// Height of the figure, in mm
     pub(super) height_mm: f64,
     /// What the person told
@@ -267,80 +226,16 @@ impl Measurements {
     /// A value as it is told to people: in mm, or in units of the stature
     pub fn told(&self, value_mm: f64) -> String {
         match self.unit() {
-            Unit::Millimeter => format!("{value_mm:6.0} mm"),
-            unit => format!("{:6.4} of the stature", unit.tell(value_mm)),
+            LengthUnit::Millimeter => format!("{value_mm:6.0} mm"),
+            unit => format!("{:6.4} of the stature", unit.convert(value_mm)),
         }
     }
 
-    fn unit(&self) -> Unit {
+    /// The unit in which lengths are reported
+    pub fn unit(&self) -> LengthUnit {
         match self.stature {
-            Some(_) => Unit::Millimeter,
-            None => Unit::Stature(self.height_mm),
+            Some(_) => LengthUnit::Millimeter,
+            None => LengthUnit::Stature(self.height_mm),
         }
-    }
-
-    /// What the charts for a person of this sex say; all charts when it was not told
-    pub fn advise(&self, charts: &[Chart]) -> Vec<Advice> {
-        let sex = self.subject.sex.and_then(ChartSex::of);
-        let fits = |chart: &&Chart| sex.is_none() || chart.sex.is_none() || chart.sex == sex;
-        let dimension = |key: &str| {
-            let (_, measured) = self.values.iter().find(|(m, _)| m.name() == key)?;
-            let known = self.in_mm().then_some(measured.value_mm.ok()?)?;
-            Some((known, measured.sd_mm?))
-        };
-        let charts = charts.iter().filter(fits);
-        charts.map(|chart| advise(chart, &dimension)).collect()
-    }
-
-    /// As `measurements.json` holds it; `advice` are its sizes
-    ///
-    /// `{ "measurements_mm": { key: number or null }, "details": { key: { .. } }, .. }`
-    pub fn to_json(&self, advice: &[Advice]) -> Value {
-        let unit = self.unit();
-        let values = |unit: Unit, known: bool| -> Map<String, Value> {
-            let value = |m: &Measured| m.value_mm.ok().filter(|_| known).map(|v| unit.tell(v));
-            let values = self.values.iter();
-            values
-                .map(|(measure, found)| (measure.name().to_owned(), json!(value(found))))
-                .collect()
-        };
-        let details: Map<String, Value> = self
-            .values
-            .iter()
-            .map(|(m, found)| (m.name().to_owned(), details(*m, found, unit)))
-            .collect();
-        let mut file = json!({
-            "measurements_mm": values(Unit::Millimeter, self.in_mm()),
-            "unit": if self.in_mm() { "mm" } else { "stature" },
-            "scale": match self.stature {
-                Some(StatureFrom::Stated) => "stature",
-                Some(StatureFrom::Card) => "card",
-                Some(StatureFrom::PixelSize) => "mm_per_px",
-                None => "unknown: give the stature, camera.mm_per_px, or --scale card",
-            },
-        });
-        if !self.in_mm() {
-            file["measurements_per_stature"] = Value::Object(values(unit, true));
-        }
-        if let Some(mass) = &self.mass {
-            file["body"] = mass.to_json();
-        }
-        let Subject {
-            sex,
-            mass_kg,
-            age_years,
-        } = self.subject;
-        if sex.is_some() || mass_kg.is_some() || age_years.is_some() {
-            file["subject"] = json!({
-                "sex": sex.map(|sex| sex.name()),
-                "mass_kg": mass_kg,
-                "age_years": age_years,
-            });
-        }
-        if !advice.is_empty() {
-            file["sizes"] = json!(advice);
-        }
-        file["details"] = Value::Object(details);
-        file
     }
 }

@@ -6,11 +6,11 @@
 use glam::{DVec2, DVec3};
 
 use super::JointPositions;
-use crate::avatar::Avatar;
-use crate::camera::Camera;
-use crate::pose::{Pose, pose_bones};
-use crate::skeleton::{Joint, Keypoints};
-use crate::units::TurnAngle;
+use pirouette_body::Avatar;
+use pirouette_body::Camera;
+use pirouette_body::TurnAngle;
+use pirouette_body::{Joint, Keypoints};
+use pirouette_body::{Pose, pose_bones};
 
 /// Bones of the reference view shorter than this share of its trunk (neck to mid hip) are foreshortened: their
 /// direction means nothing

@@ -14,7 +14,7 @@ use pirouette_geom::planar_mesh::{
 use pirouette_geom::{Grid, Mask, Windowed};
 
 use super::JointPositions;
-use crate::skeleton::{Bone, Joint};
+use pirouette_body::{Bone, Joint};
 
 /// Handles along each bone: both joints and what lies between them, evenly
 ///

@@ -23,13 +23,13 @@ use pirouette_geom::chain::RigidMotion;
 use pirouette_geom::contour::Contour;
 use pirouette_geom::{Grid, Mask, Windowed};
 
-use crate::avatar::Avatar;
-use crate::avatar::render::{SilhouetteMesh, visible_bones};
-use crate::camera::Camera;
-use crate::fit::OutlineTargets;
-use crate::pose::{Pose, pose_bones};
-use crate::skeleton::{Bone, Joint, Keypoints};
-use crate::units::TurnAngle;
+use crate::body_fit::OutlineTargets;
+use pirouette_body::Avatar;
+use pirouette_body::Camera;
+use pirouette_body::TurnAngle;
+use pirouette_body::render::{SilhouetteMesh, visible_bones};
+use pirouette_body::{Bone, Joint, Keypoints};
+use pirouette_body::{Pose, pose_bones};
 
 pub use align::{SkeletonJoints, shared_skeleton_joints};
 pub use deform::{ContourSource, DeformError, DeformOptions};

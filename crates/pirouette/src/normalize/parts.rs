@@ -4,7 +4,7 @@ use glam::DVec2;
 
 use super::JointPositions;
 use super::refine::Limb;
-use crate::skeleton::Joint;
+use pirouette_body::Joint;
 
 /// How far the hand reaches beyond the wrist, in lengths of the forearm
 ///

@@ -10,7 +10,7 @@ use pirouette_geom::chain::{Chain, RigidMotion};
 use super::descent::{Softness, descend};
 use super::parts::{Bones, Part};
 use super::register::{ReferenceContourMap, offsets, scattered};
-use crate::skeleton::Joint;
+use pirouette_body::Joint;
 
 /// Where joints lie in a silhouette, in px, indexed by `Joint as usize`; `None` where unknown
 pub type JointPositions = [Option<DVec2>; Joint::COUNT];

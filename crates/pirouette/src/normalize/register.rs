@@ -236,7 +236,7 @@ mod tests {
         .collect()
     }
 
-    const NO_JOINTS: JointPositions = [None; crate::skeleton::Joint::COUNT];
+    const NO_JOINTS: JointPositions = [None; pirouette_body::Joint::COUNT];
 
     fn filled(polygon: Vec<DVec2>) -> Grid<f32> {
         fill_polygons(260, 250, &[polygon])
@@ -295,7 +295,7 @@ mod tests {
 
     #[test]
     fn an_arm_held_otherwise_does_not_pull() {
-        use crate::skeleton::Joint::*;
+        use pirouette_body::Joint::*;
         let shift = DVec2::new(7.0, -4.0);
         let mut raised = figure();
         for (index, y) in [(3, 45.0), (4, 62.0)] {

@@ -1,7 +1,7 @@
 use super::*;
-use crate::skeleton::Keypoint;
 use align::tests::standing;
 use deform::tests::capsule;
+use pirouette_body::Keypoint;
 use pirouette_geom::coverage::fill_polygons;
 
 type Joints = [DVec2; Joint::COUNT];

@@ -6,27 +6,28 @@ use std::time::Instant;
 use pirouette_geom::{Mask, TriMesh};
 use rayon::prelude::*;
 
-use crate::avatar::gltf::load_avatar;
-use crate::avatar::mannequin::{MannequinParameters, mannequin};
-use crate::avatar::{Avatar, render};
-use crate::bundle::{Bundle, BundleOptions, BundleView, bundle};
+use crate::body_fit::{CameraSpread, Fit, FitPrior, Outlines, fit_outlines};
 use crate::carve::{CarveOptions, carve, carve_beside_avatar};
 use crate::color::{ColorOptions, ColorView, SurfaceColors, color_surface};
-use crate::fit::{CameraSpread, Fit, FitPrior, Outlines, fit_outlines};
+use crate::initial_body;
 use crate::measure::{MeasureInput, Measurements, measure};
 use crate::normalize::{NormalizeError, NormalizedView};
-use crate::pipeline::start;
 use crate::pipeline::views::{
     Normalizer, carve_views, measure_views, normalized_outlines, photographed_outlines,
 };
-use crate::pipeline::warning::{self, Warning};
+use crate::pipeline::warning;
+use crate::pipeline::warning::Warning;
 use crate::pipeline::{
     AvatarSource, CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError,
     Stage, StartFigure, ViewReport,
 };
-use crate::pose::{Pose, pose_bones};
 use crate::scan::{CameraSetup, Scan};
 use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
+use crate::skeleton_fit::{Bundle, BundleOptions, BundleView, bundle};
+use pirouette_body::gltf::load_avatar;
+use pirouette_body::mannequin::{MannequinParameters, mannequin};
+use pirouette_body::{Avatar, render};
+use pirouette_body::{Pose, pose_bones};
 use pirouette_geom::outline_map::OutlineMap;
 
 /// A running job
@@ -307,14 +308,16 @@ impl<'a> Job<'a> {
         views: &[ViewReport],
     ) -> Result<(Fit, Option<StartFigure>), PipelineError> {
         let (scan, config, cancel) = (self.scan, self.config, self.cancel);
-        let free = start::is_free(config);
+        let free = initial_body::is_free(config);
         self.stage(Stage::Fit, 1, |_| {
             let stature_mm = scan.stature_mm.unwrap_or(bundle.avatar.stature_mm());
             let cancelled = || cancel.cancelled();
             let poses: Vec<Pose> = views.iter().map(|view| bundle.poses[view.index]).collect();
-            let outlines = Outlines::trace(&start::fit_views(bundle, views, &poses, stature_mm));
-            let choose =
-                || start::choose_start(scan, bundle, views, &outlines, stature_mm, &cancelled);
+            let outlines =
+                Outlines::trace(&initial_body::fit_views(bundle, views, &poses, stature_mm));
+            let choose = || {
+                initial_body::choose_start(scan, bundle, views, &outlines, stature_mm, &cancelled)
+            };
             let start = free.then(choose).transpose()?;
             let (avatar, posture, poses) = match &start {
                 Some(start) => (&start.avatar, &start.posture, &start.poses),
@@ -322,7 +325,7 @@ impl<'a> Job<'a> {
             };
             let fit = fit_outlines(
                 avatar,
-                &start::fit_views(bundle, views, poses, stature_mm),
+                &initial_body::fit_views(bundle, views, poses, stature_mm),
                 &outlines,
                 &FitPrior {
                     posture: *posture,

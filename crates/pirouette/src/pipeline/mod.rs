@@ -1,29 +1,29 @@
 //! The whole job: stages in order, events, cancellation.
 //!
-//! [`run`] is pure computation over a loaded scan; [`crate::io::results`] writes what it found. A view that a
+//! [`run`] is pure computation over a loaded scan; [`pirouette_files::results`] writes what it found. A view that a
 //! stage cannot use is dropped with a warning while enough are left. Photos are never copied.
 
 mod event;
 mod job;
 mod report;
-mod start;
 mod views;
 mod warning;
 
 use thiserror::Error;
 
-use crate::avatar::gltf::LoadAvatarError;
-use crate::avatar::mannequin::{MannequinError, Sex};
-use crate::bundle::BundleError;
+use crate::body_fit::{Fit, FitOptions};
 use crate::carve::CarveError;
-use crate::fit::{Fit, FitOptions};
 use crate::scan::Scan;
 use crate::segment::SegmentOptions;
+use crate::skeleton_fit::BundleError;
 use job::Job;
+use pirouette_body::Sex;
+use pirouette_body::gltf::LoadAvatarError;
+use pirouette_body::mannequin::MannequinError;
 
+pub use crate::initial_body::StartFigure;
 pub use event::{CancelToken, Event, Stage};
 pub use report::{DropReason, DroppedView, Report, ViewReport};
-pub use start::StartFigure;
 pub use warning::Warning;
 
 /// How views are brought to the reference pose
@@ -273,9 +273,9 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::avatar::mannequin::{MannequinParameters, mannequin};
-    use crate::camera::Camera;
-    use crate::pose::Pose;
+    use pirouette_body::Camera;
+    use pirouette_body::Pose;
+    use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
     #[test]
     fn poses_stay_beside_the_views_that_are_left() {

@@ -3,14 +3,14 @@
 use pirouette_geom::TriMesh;
 use thiserror::Error;
 
-use crate::avatar::Avatar;
-use crate::bundle::Bundle;
+use crate::body_fit::Fit;
 use crate::color::SurfaceColors;
-use crate::fit::Fit;
 use crate::measure::Measurements;
 use crate::normalize::{NormalizeError, NormalizedView};
 use crate::pipeline::{Goal, Method, Stage, StartFigure, Warning};
 use crate::segment::{SegmentError, Silhouette};
+use crate::skeleton_fit::Bundle;
+use pirouette_body::Avatar;
 
 /// What a job found, up to its goal
 #[derive(Debug)]

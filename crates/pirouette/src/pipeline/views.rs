@@ -3,18 +3,18 @@
 use pirouette_geom::TriMesh;
 use rayon::prelude::*;
 
-use crate::avatar::Avatar;
-use crate::avatar::render::SilhouetteMesh;
-use crate::bundle::Bundle;
+use crate::body_fit::{Fit, OutlineTargets, RimMesh};
 use crate::carve::CarveView;
-use crate::fit::{Fit, OutlineTargets, RimMesh};
 use crate::measure::MeasureView;
 use crate::normalize::{
     NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
     RegisterOptions, normalize, shared_skeleton_joints,
 };
 use crate::pipeline::{Config, Method, ViewReport};
-use crate::pose::Pose;
+use crate::skeleton_fit::Bundle;
+use pirouette_body::Avatar;
+use pirouette_body::Pose;
+use pirouette_body::render::SilhouetteMesh;
 use pirouette_geom::outline_map::OutlineMap;
 
 /// The steps that a configuration asks for

@@ -2,19 +2,16 @@
 
 use thiserror::Error;
 
-use crate::bundle::{BundleError, BundleWarning, Limb};
-use crate::io::scan_folder::ScanWarning;
 use crate::measure::Measure;
 use crate::normalize::NormalizeWarning;
 use crate::pipeline::{DropReason, Stage};
-use crate::skeleton::Joint;
+use crate::skeleton_fit::{BundleError, BundleWarning, Limb};
+use pirouette_body::Joint;
 
 /// Something that the user should know, though the job goes on
 #[derive(Debug, Clone, PartialEq, Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum Warning {
-    #[error("{0}")]
-    Scan(ScanWarning),
     #[error("view {view} is left out ({}): {reason}", stage.name())]
     ViewDropped {
         view: String,
@@ -53,7 +50,6 @@ impl Warning {
     /// The view that it is about, if it is about one
     pub fn view(&self) -> Option<&str> {
         match self {
-            Warning::Scan(warning) => warning.view(),
             Warning::ViewDropped { view, .. }
             | Warning::SidesSwapped { view, .. }
             | Warning::Outlier { view, .. }
@@ -65,7 +61,6 @@ impl Warning {
     /// Stable name for programs
     pub fn code(&self) -> &'static str {
         match self {
-            Warning::Scan(warning) => warning.code(),
             Warning::ViewDropped { .. } => "view_dropped",
             Warning::NoSkeleton(_) => "no_skeleton",
             Warning::Bundle(warning) => match warning {

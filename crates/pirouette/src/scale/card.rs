@@ -367,8 +367,8 @@ fn side_coverage(from: DVec2, to: DVec2, group: &[EdgePoint]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synthetic::Random;
     use glam::{DMat3, DVec3};
+    use pirouette_synthetic::Random;
     use proptest::prelude::*;
 
     /// Joints of a person who is 1.65 m tall, head in the photo, feet below it

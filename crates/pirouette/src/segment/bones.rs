@@ -5,7 +5,7 @@ use pirouette_geom::Grid;
 use pirouette_segment::seeds::Seed;
 
 use super::SegmentError;
-use crate::skeleton::{Joint, Keypoints};
+use pirouette_body::{Joint, Keypoints};
 
 /// A capsule of seeds between two joints; radii and margins in torso lengths (neck to mid hip)
 struct SeedBone {
@@ -272,7 +272,7 @@ fn with_middles(keypoints: &Keypoints) -> Keypoints {
         if let (None, Some(right), Some(left)) =
             (found.found(middle), found.found(right), found.found(left))
         {
-            let keypoint = crate::skeleton::Keypoint {
+            let keypoint = pirouette_body::Keypoint {
                 position: 0.5 * (right.position + left.position),
                 confidence: right.confidence.min(left.confidence),
             };

@@ -19,8 +19,8 @@ use pirouette_segment::seeds::{LogOdds, Seed};
 use rayon::prelude::*;
 
 use crate::scan::Photo;
-use crate::skeleton::Keypoints;
 use bones::SeedLines;
+use pirouette_body::Keypoints;
 use prior::{Prior, PriorFit};
 
 /// One view to segment

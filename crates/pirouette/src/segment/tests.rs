@@ -1,7 +1,7 @@
 use glam::DVec2;
 
 use super::*;
-use crate::skeleton::{Joint, Keypoint};
+use pirouette_body::{Joint, Keypoint};
 
 const WIDTH: usize = 120;
 const HEIGHT: usize = 160;

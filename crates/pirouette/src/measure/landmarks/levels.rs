@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::Body;
 use super::slice::{Plane, Slicer};
-use crate::skeleton::Bone;
+use pirouette_body::Bone;
 
 /// Natural waist by the crotch, both as shares of the stature: slope and offset
 ///

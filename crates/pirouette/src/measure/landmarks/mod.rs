@@ -13,11 +13,11 @@ use glam::DVec3;
 use pirouette_geom::TriMesh;
 
 use super::{Girth, Landmark};
-use crate::avatar::{Avatar, ReferencePose};
-use crate::pose::{Pose, SkinWeight, pose_bones};
-use crate::skeleton::Bone;
-use crate::units::TurnAngle;
 use levels::{Levels, STEP, profile};
+use pirouette_body::Bone;
+use pirouette_body::TurnAngle;
+use pirouette_body::{Avatar, ReferencePose};
+use pirouette_body::{Pose, SkinWeight, pose_bones};
 pub(super) use slice::Plane;
 use slice::Slicer;
 

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::levels::{BUST_MIN_X, Levels};
 use super::{Body, Limbs};
 use crate::measure::Landmark;
-use crate::skeleton::Bone;
+use pirouette_body::Bone;
 
 /// Seventh cervical vertebra above the neck's joint, as a share of the stature
 const NAPE_ABOVE_NECK: f64 = 0.004;

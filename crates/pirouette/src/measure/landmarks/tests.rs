@@ -1,8 +1,9 @@
 use std::sync::LazyLock;
 
 use super::*;
-use crate::avatar::mannequin::{MannequinParameters, Sex, mannequin};
 use crate::measure::measure_figure;
+use pirouette_body::Sex;
+use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
 static WOMAN: LazyLock<Avatar> = LazyLock::new(|| {
     let parameters = MannequinParameters {

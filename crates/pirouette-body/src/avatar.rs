@@ -1,0 +1,102 @@
+//! The reference figure: a closed skinned surface in the reference pose, with named joints.
+//!
+//! World frame, millimeters: soles on y = 0, facing +z, the person's left at +x. The turning axis, x = z = 0, passes
+//! behind the point midway between the hip joints, by [`TURNING_AXIS_BEHIND_HIPS`]; so the hips lie at a small
+//! positive z, the ankles of the mannequin a little farther in front.
+
+use glam::DVec3;
+use pirouette_geom::TriMesh;
+
+use crate::{Bone, Joint, ReferencePose, SkinWeight};
+
+/// How far behind the middle of the hip joints the turning axis of a body runs, as a share of the stature
+///
+/// People who turn on the spot turn on their heels: ankles and hips stay a little before the axis. Imported figures are
+/// moved there; the mannequin is built so.
+pub const TURNING_AXIS_BEHIND_HIPS: f64 = 0.004;
+
+/// A skinned reference figure in its reference pose
+#[derive(Debug, Clone)]
+pub struct Avatar {
+    /// Closed surface, mm
+    pub mesh: TriMesh,
+    /// One skinning weight per vertex, same order as `mesh.positions`
+    pub weights: Vec<SkinWeight>,
+    /// Head (upper end, turning point) of each bone, mm
+    pub bone_heads: [DVec3; Bone::COUNT],
+    /// Where a keypoint detector would place each joint, mm; each hangs on `Joint::bone`
+    ///
+    /// The neck is the middle of the shoulders and the mid hip the middle of the hips.
+    pub keypoints: [DVec3; Joint::COUNT],
+    /// The pose it stands in
+    pub pose: ReferencePose,
+}
+
+impl Avatar {
+    /// The same figure at another height, in mm
+    pub fn scaled_to(mut self, stature_mm: f64) -> Self {
+        let scale = stature_mm / self.stature_mm();
+        if scale.is_finite() && scale > 0.0 {
+            for p in self
+                .mesh
+                .positions
+                .iter_mut()
+                .chain(&mut self.bone_heads)
+                .chain(&mut self.keypoints)
+            {
+                *p *= scale;
+            }
+        }
+        self
+    }
+
+    /// Checks what every stage relies on
+    ///
+    /// # Errors
+    /// The first defect found.
+    pub fn check(&self) -> Result<(), AvatarDefect> {
+        let count = self.mesh.positions.len();
+        if self.weights.len() != count {
+            return Err(AvatarDefect::Weights {
+                weights: self.weights.len(),
+                vertices: count,
+            });
+        }
+        let points = self.mesh.positions.iter().chain(&self.bone_heads);
+        if !points.chain(&self.keypoints).all(|p| p.is_finite()) {
+            return Err(AvatarDefect::NotFinite);
+        }
+        let mut triangles = self.mesh.triangles.iter().flatten();
+        if let Some(&vertex) = triangles.find(|&&v| v as usize >= count) {
+            return Err(AvatarDefect::Vertex { vertex });
+        }
+        let floor_mm = self.mesh.bounds().map_or(0.0, |(low, _)| low.y);
+        let slack = FLOOR_SLACK * self.stature_mm();
+        if floor_mm.abs() > slack {
+            return Err(AvatarDefect::NotOnTheFloor { floor_mm });
+        }
+        Ok(())
+    }
+
+    /// Height of the surface, in mm
+    pub fn stature_mm(&self) -> f64 {
+        self.mesh.bounds().map_or(0.0, |(lo, hi)| hi.y - lo.y)
+    }
+}
+
+/// How far, as a share of the stature, soles may be from the floor
+const FLOOR_SLACK: f64 = 0.003;
+
+/// What is wrong with an avatar
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum AvatarDefect {
+    #[error("{weights} skinning weights for {vertices} vertices")]
+    Weights { weights: usize, vertices: usize },
+    #[error("a position is not finite")]
+    NotFinite,
+    #[error("vertex {vertex} does not exist")]
+    Vertex { vertex: u32 },
+    #[error("the lowest point is at {floor_mm:.1} mm instead of the floor")]
+    NotOnTheFloor { floor_mm: f64 },
+}

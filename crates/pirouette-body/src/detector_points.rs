@@ -1,0 +1,246 @@
+//! Where a keypoint detector would place its joints on a skinned body.
+//!
+//! Limb joints are the heads of the bones. Face and feet are found on the surface: detectors are trained on what
+//! annotators click in photos, and those click on noses and toes, not on bones.
+
+use std::f64::consts::FRAC_PI_4;
+
+use glam::{DVec2, DVec3};
+use pirouette_geom::TriMesh;
+
+use crate::SkinWeight;
+use crate::{Bone, Joint};
+
+/// Where the nose is sought, as shares of the head's height from below
+///
+/// Above it brows and hair reach forward, below it the chin.
+const NOSE_ZONE: [f64; 2] = [0.2, 0.6];
+
+/// Heights at which the profile of the face is sampled: about every 2 mm
+const NOSE_SAMPLES: u32 = 48;
+
+/// Eyes above the nose and beside the middle, as shares of the stature, for rigs without eyes
+const EYE_ABOVE_NOSE: f64 = 0.016;
+const EYE_BESIDE_MIDDLE: f64 = 0.018;
+
+/// Distance from the middle of an eye to its lids and corners, as a share of the stature
+const LID_RADIUS: f64 = 0.0065;
+
+/// Half the height, as a share of the stature, of the zone around the eyes in which ears stick out
+const EAR_ZONE: f64 = 0.022;
+
+/// The big and the small toe along the foot, as shares of its length from the heel
+const BIG_TOE_ALONG: f64 = 0.88;
+const SMALL_TOE_ALONG: f64 = 0.73;
+
+/// How far the toes lie from the inner and the outer edge of the foot, as shares of its width there
+const BIG_TOE_INSET: f64 = 0.2;
+const SMALL_TOE_INSET: f64 = 0.06;
+
+/// Where the middle of the heel is taken, as a share of the foot's length
+const HEEL_SECTION: f64 = 0.03;
+
+/// Height of toes and heel above the floor, as a share of the stature
+const FOOT_POINT_HEIGHT: f64 = 0.0128;
+
+/// Finds all 25 points, in mm, of a body that stands on the floor and faces +z
+///
+/// `eyes` are the centers of the left and the right eyeball, where they are known. Bodies without a head or feet
+/// get the bone's head instead of points on them.
+pub(crate) fn find(
+    mesh: &TriMesh,
+    weights: &[SkinWeight],
+    heads: &[DVec3; Bone::COUNT],
+    eyes: [Option<DVec3>; 2],
+) -> [DVec3; Joint::COUNT] {
+    let mut points: [DVec3; Joint::COUNT] =
+        std::array::from_fn(|j| heads[Joint::ALL[j].bone() as usize]);
+    let head = |bone: Bone| heads[bone as usize];
+    points[Joint::Neck as usize] = (head(Bone::LeftUpperArm) + head(Bone::RightUpperArm)) / 2.0;
+    points[Joint::MidHip as usize] = (head(Bone::LeftThigh) + head(Bone::RightThigh)) / 2.0;
+
+    let stature = mesh.bounds().map_or(0.0, |(low, high)| high.y - low.y);
+    let of_bone = |bone: Bone| -> Vec<DVec3> {
+        let vertices = mesh.positions.iter().zip(weights);
+        vertices
+            .filter(|(_, w)| w.strongest() == bone)
+            .map(|(&p, _)| p)
+            .collect()
+    };
+    let skull = head(Bone::Head);
+    if let Some(face) = Face::find(mesh, weights, &of_bone(Bone::Head), skull, stature, eyes) {
+        points[Joint::Nose as usize] = face.nose;
+        [
+            points[Joint::LeftEye as usize],
+            points[Joint::RightEye as usize],
+        ] = face.eyes;
+        [
+            points[Joint::LeftEar as usize],
+            points[Joint::RightEar as usize],
+        ] = face.ears;
+    }
+    for (bone, big, small, heel, outward) in [
+        (
+            Bone::LeftFoot,
+            Joint::LeftBigToe,
+            Joint::LeftSmallToe,
+            Joint::LeftHeel,
+            DVec3::X,
+        ),
+        (
+            Bone::RightFoot,
+            Joint::RightBigToe,
+            Joint::RightSmallToe,
+            Joint::RightHeel,
+            -DVec3::X,
+        ),
+    ] {
+        let foot = triangles_of(mesh, weights, bone);
+        if let Some(found) = foot_points(&foot, head(bone), outward, stature) {
+            [
+                points[big as usize],
+                points[small as usize],
+                points[heel as usize],
+            ] = found;
+        }
+    }
+    points
+}
+
+struct Face {
+    nose: DVec3,
+    eyes: [DVec3; 2],
+    ears: [DVec3; 2],
+}
+
+impl Face {
+    fn find(
+        mesh: &TriMesh,
+        weights: &[SkinWeight],
+        vertices: &[DVec3],
+        head: DVec3,
+        stature: f64,
+        eyes: [Option<DVec3>; 2],
+    ) -> Option<Self> {
+        let low = vertices.iter().map(|p| p.y).reduce(f64::min)?;
+        let high = vertices.iter().map(|p| p.y).reduce(f64::max)?;
+        let at = |share: f64| low + share * (high - low);
+        let faces = triangles_of(mesh, weights, Bone::Head);
+        let nose = (0..=NOSE_SAMPLES)
+            .filter_map(|i| {
+                let share = f64::from(i) / f64::from(NOSE_SAMPLES);
+                let y = at(NOSE_ZONE[0] + share * (NOSE_ZONE[1] - NOSE_ZONE[0]));
+                Some(DVec3::new(head.x, y, surface_before(&faces, head.x, y)?))
+            })
+            .max_by(|a, b| a.z.total_cmp(&b.z))?;
+        let side = |index: usize| if index == 0 { 1.0 } else { -1.0 };
+        let eyes: [DVec3; 2] = std::array::from_fn(|i| {
+            let guess =
+                nose + DVec3::new(side(i) * EYE_BESIDE_MIDDLE, EYE_ABOVE_NOSE, 0.0) * stature;
+            let eye = eyes[i].unwrap_or(guess);
+            // Around the eye: bodies without eyeballs have hollows there.
+            let mut lids: Vec<f64> = (0..8)
+                .filter_map(|k| {
+                    let (sin, cos) = (f64::from(k) * FRAC_PI_4).sin_cos();
+                    let radius = LID_RADIUS * stature;
+                    surface_before(&faces, eye.x + radius * cos, eye.y + radius * sin)
+                })
+                .filter(|&z| z > head.z)
+                .collect();
+            lids.sort_by(f64::total_cmp);
+            let lid = lids.get(lids.len() / 2).copied();
+            DVec3::new(eye.x, eye.y, lid.unwrap_or(nose.z))
+        });
+        let eye_level = (eyes[0].y + eyes[1].y) / 2.0;
+        let ears: [DVec3; 2] = std::array::from_fn(|i| {
+            let widest = |near_eyes: bool| {
+                vertices
+                    .iter()
+                    .filter(|p| !near_eyes || (p.y - eye_level).abs() < EAR_ZONE * stature)
+                    .copied()
+                    .max_by(|a, b| (a.x * side(i)).total_cmp(&(b.x * side(i))))
+            };
+            // coarse heads have no vertices there
+            let flat = || widest(false).map(|p| DVec3::new(p.x, eye_level, head.z));
+            widest(true).or_else(flat).unwrap_or(head)
+        });
+        Some(Self { nose, eyes, ears })
+    }
+}
+
+/// The triangles that touch vertices of a bone
+fn triangles_of(mesh: &TriMesh, weights: &[SkinWeight], bone: Bone) -> Vec<[DVec3; 3]> {
+    let of_bone: Vec<bool> = weights.iter().map(|w| w.strongest() == bone).collect();
+    (0..mesh.triangles.len())
+        .filter(|&t| mesh.triangles[t].iter().any(|&v| of_bone[v as usize]))
+        .map(|t| mesh.corners(t))
+        .collect()
+}
+
+/// The most forward z of triangles on the line along z through `(x, y)`
+fn surface_before(triangles: &[[DVec3; 3]], x: f64, y: f64) -> Option<f64> {
+    let p = DVec2::new(x, y);
+    triangles
+        .iter()
+        .filter_map(|corners| {
+            let [a, b, c] = corners.map(|q| q.truncate());
+            let area = (b - a).perp_dot(c - a);
+            let weights = [
+                (c - b).perp_dot(p - b) / area,
+                (a - c).perp_dot(p - c) / area,
+                (b - a).perp_dot(p - a) / area,
+            ];
+            // also false for triangles without area
+            weights.iter().all(|&w| w >= 0.0).then(|| {
+                let by_corner = corners.iter().zip(weights);
+                by_corner.map(|(q, w)| q.z * w).sum::<f64>()
+            })
+        })
+        .max_by(f64::total_cmp)
+}
+
+/// Big toe, small toe and heel
+fn foot_points(
+    triangles: &[[DVec3; 3]],
+    ankle: DVec3,
+    outward: DVec3,
+    stature: f64,
+) -> Option<[DVec3; 3]> {
+    let low = || triangles.iter().flatten().filter(|p| p.y < ankle.y);
+    let reach = |p: &DVec3| (p.x - ankle.x).hypot(p.z - ankle.z);
+    let tip = low().max_by(|a, b| reach(a).total_cmp(&reach(b)))?;
+    let forward = DVec3::new(tip.x - ankle.x, 0.0, tip.z - ankle.z).try_normalize()?;
+    let across = (outward - forward * outward.dot(forward)).try_normalize()?;
+    let along = |p: DVec3| (p - ankle).dot(forward);
+    let rear = low().map(|&p| along(p)).reduce(f64::min)?;
+    let front = low().map(|&p| along(p)).reduce(f64::max)?;
+    let length = front - rear;
+    // innermost and outermost point of a section across the foot
+    let section = |share: f64| -> Option<(f64, f64)> {
+        let at = rear + share * length;
+        triangles
+            .iter()
+            .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
+            .filter_map(|(p, q)| {
+                let (dp, dq) = (along(p) - at, along(q) - at);
+                let crossing = p.lerp(q, dp / (dp - dq));
+                ((dp < 0.0) != (dq < 0.0) && crossing.y < ankle.y)
+                    .then(|| (crossing - ankle).dot(across))
+            })
+            .fold(None, |range, x| {
+                let (inner, outer) = range.unwrap_or((x, x));
+                Some((inner.min(x), outer.max(x)))
+            })
+    };
+    let place = |share: f64, side: f64| {
+        let point = ankle + forward * (rear + share * length) + across * side;
+        DVec3::new(point.x, FOOT_POINT_HEIGHT * stature, point.z)
+    };
+    let (inner, outer) = section(BIG_TOE_ALONG)?;
+    let big_toe = place(BIG_TOE_ALONG, inner + BIG_TOE_INSET * (outer - inner));
+    let (inner, outer) = section(SMALL_TOE_ALONG)?;
+    let small_toe = place(SMALL_TOE_ALONG, outer - SMALL_TOE_INSET * (outer - inner));
+    let (inner, outer) = section(HEEL_SECTION)?;
+    let heel = place(0.0, (inner + outer) / 2.0);
+    Some([big_toe, small_toe, heel])
+}

@@ -1,0 +1,321 @@
+//! Skinned glTF 2.0 and VRM humanoids as avatars.
+//!
+//! Any rig will do whose nodes say what they are: by the humanoid table of VRM 0.x or 1.0, or by the names that
+//! MakeHuman, Mixamo, Unreal, Biped and Rigify use. Its joints, however many, are gathered into our 19 bones: each
+//! follows the nearest of its ancestors that is one of ours. The body is taken as its rig stands, turned to
+//! face +z, put on the floor and posed as asked.
+//!
+//! Not read: animations, morph targets, materials, meshes without a skin, compressed geometry, and buffers in
+//! other files.
+
+mod document;
+mod rig;
+mod surface;
+
+use glam::{DAffine3, DMat4, DQuat, DVec3};
+
+use crate::Bone;
+use crate::SkinWeight;
+use crate::{Avatar, ReferencePose, TURNING_AXIS_BEHIND_HIPS, detector_points, stance};
+use document::{Document, Node};
+use rig::{Rig, ancestors, is_optional, parents};
+use surface::Surface;
+
+pub use document::AccessorDefect;
+
+/// Millimeters in the unit of glTF
+const MM_PER_METER: f64 = 1000.0;
+
+/// Where the upper spine turns, as a share of the way from the hips up to the neck
+///
+/// The lower end of the rib cage. Rigs have two to five spine joints; the one nearest to it is taken.
+const UPPER_SPINE_SHARE: f64 = 0.41;
+
+/// Where a collar bone turns, as a share of the way from the middle to the shoulder
+const CLAVICLE_SHARE: f64 = 0.13;
+
+/// Half the height, in mm, over which the trunk passes from the lower to an upper spine that the rig lacks
+const SPINE_BLEND_MM: f64 = 80.0;
+
+/// Why a file cannot serve as an avatar
+#[derive(Debug, thiserror::Error)]
+pub enum LoadAvatarError {
+    /// Neither GLB nor JSON, or JSON that is no glTF
+    #[error("not a glTF file")]
+    Json(#[source] serde_json::Error),
+    /// The file ends early
+    #[error("the GLB file is cut short")]
+    Truncated,
+    /// Another version of the format
+    #[error("glTF version {version} is not supported, only version 2")]
+    #[allow(missing_docs, reason = "the message says it")]
+    Version { version: u32 },
+    /// Geometry that needs a decoder
+    #[error("the geometry is compressed with {extension}; export the avatar without compression")]
+    #[allow(missing_docs, reason = "the message says it")]
+    Compressed { extension: &'static str },
+    /// Geometry in another file
+    #[error("buffer {buffer} lies in another file; export the avatar as one GLB file")]
+    #[allow(missing_docs, reason = "the message says it")]
+    ExternalBuffer { buffer: usize },
+    /// An accessor that cannot be read
+    #[error("accessor {accessor} is broken: {defect}")]
+    #[allow(missing_docs, reason = "the message says it")]
+    Accessor {
+        accessor: usize,
+        #[source]
+        defect: AccessorDefect,
+    },
+    /// An index that names nothing
+    #[error("mesh {mesh} names a vertex, joint or skin that does not exist")]
+    #[allow(missing_docs, reason = "the message says it")]
+    Index { mesh: usize },
+    /// A static mesh
+    #[error("the file holds no mesh with a skin")]
+    NoSkin,
+    /// Joints that no node stands for
+    #[error("joints not found in the rig: {}", names(missing))]
+    #[allow(missing_docs, reason = "the message says it")]
+    MissingJoints { missing: Vec<Bone> },
+    /// No extent, or coordinates that are not numbers
+    #[error("the body is flat, empty or not finite")]
+    Degenerate,
+}
+
+fn names(bones: &[Bone]) -> String {
+    let names: Vec<&str> = bones.iter().map(|bone| bone.name()).collect();
+    names.join(", ")
+}
+
+/// Loads a skinned humanoid and puts it into a reference pose
+///
+/// The result stands on the floor, faces +z and has the size of the file; see [`Avatar::scaled_to`]. Loose
+/// parts such as eyes and teeth are dropped where one part is the whole body.
+///
+/// # Errors
+/// When the bytes are no readable glTF, have no skin, lack a joint that cannot be guessed from the others
+/// (collar bones, neck and upper spine can), or the body has no extent.
+pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvatarError> {
+    let document = Document::parse(bytes)?;
+    let nodes = &document.root.nodes;
+    let parents = parents(nodes);
+    let world_from_node = world_transforms(nodes, &parents);
+    let skinned: Vec<(usize, usize)> = nodes
+        .iter()
+        .filter_map(|node| Some((node.mesh?, node.skin?)))
+        .collect();
+    if skinned.is_empty() {
+        return Err(LoadAvatarError::NoSkin);
+    }
+
+    let mut bones = find_bones(&document, &parents, &skinned, &world_from_node)?;
+    let bone_of_node: Vec<Bone> = (0..nodes.len())
+        .map(|n| {
+            ancestors(&parents, n)
+                .find_map(|a| {
+                    let index = bones.nodes.iter().position(|&node| node == Some(a))?;
+                    Some(Bone::ALL[index])
+                })
+                .unwrap_or(Bone::Root)
+        })
+        .collect();
+    let mut surface = Surface::default();
+    for &(mesh, skin) in &skinned {
+        surface.add_skinned_mesh(&document, mesh, skin, &world_from_node, &bone_of_node)?;
+    }
+    surface.weld();
+    surface.keep_the_body();
+
+    let ours_from_file = upright_and_facing(&bones.heads)?;
+    let place = |p: &mut DVec3| *p = ours_from_file.transform_point3(*p);
+    surface.positions.iter_mut().for_each(place);
+    bones.heads.iter_mut().for_each(place);
+    bones.eyes.iter_mut().flatten().for_each(place);
+    surface.face_outward();
+    if bones.nodes[Bone::UpperSpine as usize].is_none() {
+        split_the_trunk(&mut surface, bones.heads[Bone::UpperSpine as usize].y);
+    }
+
+    let (mesh, weights) = surface.into_mesh();
+    let (low, high) = mesh.bounds().ok_or(LoadAvatarError::Degenerate)?;
+    let heads_are_finite = bones.heads.iter().all(|head| head.is_finite());
+    if !(low.is_finite() && high.is_finite() && heads_are_finite && high.y - low.y > 0.0) {
+        return Err(LoadAvatarError::Degenerate);
+    }
+    let mut avatar = Avatar {
+        mesh,
+        weights,
+        bone_heads: bones.heads,
+        keypoints: [DVec3::ZERO; crate::Joint::COUNT],
+        pose,
+    };
+    put_on_the_axis(&mut avatar, &mut bones.eyes);
+    stance::take(&mut avatar, pose);
+    avatar.keypoints = detector_points::find(
+        &avatar.mesh,
+        &avatar.weights,
+        &avatar.bone_heads,
+        bones.eyes,
+    );
+    Ok(avatar)
+}
+
+/// World matrix of every node
+fn world_transforms(nodes: &[Node], parents: &[Option<usize>]) -> Vec<DMat4> {
+    let local = |node: &Node| match node.matrix {
+        Some(matrix) => DMat4::from_cols_array(&matrix),
+        None => DMat4::from_scale_rotation_translation(
+            DVec3::from_array(node.scale.unwrap_or([1.0; 3])),
+            node.rotation
+                .map_or(DQuat::IDENTITY, |q| unit_quaternion(DQuat::from_array(q))),
+            DVec3::from_array(node.translation.unwrap_or([0.0; 3])),
+        ),
+    };
+    (0..nodes.len())
+        .map(|n| ancestors(parents, n).fold(DMat4::IDENTITY, |below, a| local(&nodes[a]) * below))
+        .collect()
+}
+
+fn unit_quaternion(q: DQuat) -> DQuat {
+    let length = q.length();
+    if length > 0.0 && length.is_finite() {
+        q / length
+    } else {
+        DQuat::IDENTITY
+    }
+}
+
+/// The nodes of our bones and where they turn, in the file's world
+struct FoundBones {
+    nodes: [Option<usize>; Bone::COUNT],
+    heads: [DVec3; Bone::COUNT],
+    eyes: [Option<DVec3>; 2],
+}
+
+fn find_bones(
+    document: &Document,
+    parents: &[Option<usize>],
+    skinned: &[(usize, usize)],
+    world_from_node: &[DMat4],
+) -> Result<FoundBones, LoadAvatarError> {
+    let candidates: std::collections::BTreeSet<usize> = skinned
+        .iter()
+        .filter_map(|&(_, skin)| document.root.skins.get(skin))
+        .flat_map(|skin| &skin.joints)
+        .filter(|&&joint| joint < parents.len())
+        .flat_map(|&joint| ancestors(parents, joint))
+        .collect();
+    let candidates: Vec<usize> = candidates.into_iter().collect();
+    let Rig {
+        bones: mut nodes,
+        eyes,
+    } = Rig::find(document, &candidates);
+    let at = |node: usize| world_from_node[node].w_axis.truncate();
+
+    // The spine is what lies between hips and neck, whatever it is called.
+    let hips = nodes[Bone::Root as usize];
+    let top = nodes[Bone::Neck as usize].or(nodes[Bone::Head as usize]);
+    if let (Some(hips), Some(top)) = (hips, top) {
+        let mut spine: Vec<usize> = ancestors(parents, top)
+            .skip(1)
+            .take_while(|&n| n != hips)
+            .collect();
+        spine.reverse();
+        nodes[Bone::LowerSpine as usize] = spine.first().copied();
+        let turn = at(hips).lerp(at(top), UPPER_SPINE_SHARE);
+        let distance = |n: &usize| (at(*n) - turn).length();
+        nodes[Bone::UpperSpine as usize] = spine
+            .iter()
+            .skip(1)
+            .copied()
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    }
+    let between = |bone: Bone| bone == Bone::LowerSpine && (hips.is_none() || top.is_none());
+    let missing: Vec<Bone> = Bone::ALL
+        .into_iter()
+        .filter(|&bone| nodes[bone as usize].is_none() && !is_optional(bone) && !between(bone))
+        .collect();
+    if !missing.is_empty() {
+        return Err(LoadAvatarError::MissingJoints { missing });
+    }
+
+    let mut heads = nodes.map(|node| node.map_or(DVec3::ZERO, at));
+    let mid_shoulders =
+        (heads[Bone::LeftUpperArm as usize] + heads[Bone::RightUpperArm as usize]) / 2.0;
+    for bone in Bone::ALL {
+        if nodes[bone as usize].is_some() {
+            continue;
+        }
+        let (root, head) = (heads[Bone::Root as usize], heads[Bone::Head as usize]);
+        heads[bone as usize] = match bone {
+            Bone::UpperSpine => root.lerp(mid_shoulders, UPPER_SPINE_SHARE),
+            Bone::Neck => mid_shoulders.lerp(head, 0.4),
+            Bone::LeftClavicle => {
+                mid_shoulders.lerp(heads[Bone::LeftUpperArm as usize], CLAVICLE_SHARE)
+            }
+            _ => mid_shoulders.lerp(heads[Bone::RightUpperArm as usize], CLAVICLE_SHARE),
+        };
+    }
+    Ok(FoundBones {
+        nodes,
+        heads,
+        eyes: eyes.map(|eye| eye.map(at)),
+    })
+}
+
+/// Millimeters, and turned about the vertical so that the left hip and shoulder lie towards +x
+fn upright_and_facing(heads: &[DVec3; Bone::COUNT]) -> Result<DAffine3, LoadAvatarError> {
+    let across = |left: Bone, right: Bone| heads[left as usize] - heads[right as usize];
+    let left =
+        across(Bone::LeftThigh, Bone::RightThigh) + across(Bone::LeftUpperArm, Bone::RightUpperArm);
+    if !(left.is_finite() && left.x.hypot(left.z) > 0.0) {
+        return Err(LoadAvatarError::Degenerate);
+    }
+    let yaw = left.z.atan2(left.x);
+    let turn = DQuat::from_rotation_y(yaw);
+    Ok(DAffine3::from_scale_rotation_translation(
+        DVec3::splat(MM_PER_METER),
+        turn,
+        DVec3::ZERO,
+    ))
+}
+
+/// Lets the trunk above the upper spine's head follow it, for rigs with a single spine joint
+fn split_the_trunk(surface: &mut Surface, height_mm: f64) {
+    for (p, weight) in surface.positions.iter().zip(&mut surface.weights) {
+        let t = ((p.y - height_mm) / (2.0 * SPINE_BLEND_MM) + 0.5).clamp(0.0, 1.0);
+        let moved = weight[Bone::LowerSpine as usize] * t * t * (3.0 - 2.0 * t);
+        weight[Bone::LowerSpine as usize] -= moved;
+        weight[Bone::UpperSpine as usize] += moved;
+    }
+}
+
+/// Soles on the floor, the turning axis a little behind the point midway between the hip joints
+fn put_on_the_axis(avatar: &mut Avatar, eyes: &mut [Option<DVec3>; 2]) {
+    let Some((low, high)) = avatar.mesh.bounds() else {
+        return;
+    };
+    let heads = &avatar.bone_heads;
+    let hips = (heads[Bone::LeftThigh as usize] + heads[Bone::RightThigh as usize]) / 2.0;
+    let axis_z = hips.z - TURNING_AXIS_BEHIND_HIPS * (high.y - low.y);
+    let shift = -DVec3::new(hips.x, low.y, axis_z);
+    for p in avatar
+        .mesh
+        .positions
+        .iter_mut()
+        .chain(&mut avatar.bone_heads)
+        .chain(eyes.iter_mut().flatten())
+    {
+        *p += shift;
+    }
+}
+
+/// Weights of all bones, as they are gathered
+type AllWeights = [f64; Bone::COUNT];
+
+fn skin_weights(all: &[AllWeights]) -> Vec<SkinWeight> {
+    all.iter().map(SkinWeight::from_all).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,369 @@
+//! Poses: one rotation per bone relative to the reference pose, forward kinematics and skinning.
+//!
+//! In the reference pose (A or T) all rotations are zero. A pose carries points of the reference pose (world
+//! frame) into the room: every bone turns about its head, children follow their parents, and the root
+//! turns with the person, leans about the origin and shifts.
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+use crate::Bone;
+use crate::TurnAngle;
+
+/// One pose of the body, relative to the reference pose
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Rotation vector of each bone about its head, along the axes of the reference pose, in radians
+    ///
+    /// The root's is the lean of the whole body about the origin, along the axes of the room, after the turn.
+    pub rotations: [DVec3; Bone::COUNT],
+    /// Shift of the whole body in the room, in mm
+    pub shift_mm: DVec3,
+}
+
+impl Default for Pose {
+    fn default() -> Self {
+        Self {
+            rotations: [DVec3::ZERO; Bone::COUNT],
+            shift_mm: DVec3::ZERO,
+        }
+    }
+}
+
+impl Pose {
+    /// Number of parameters: three rotations per bone, bone by bone, then the shift
+    pub const PARAMETER_COUNT: usize = 3 * Bone::COUNT + 3;
+
+    /// All parameters: rotations in radians, bone by bone, then the shift in mm
+    pub fn to_parameters(&self) -> [f64; Self::PARAMETER_COUNT] {
+        let mut parameters = [0.0; Self::PARAMETER_COUNT];
+        let vectors = self.rotations.iter().chain([&self.shift_mm]);
+        for (slot, v) in parameters.chunks_exact_mut(3).zip(vectors) {
+            slot.copy_from_slice(&v.to_array());
+        }
+        parameters
+    }
+
+    /// The inverse of [`Pose::to_parameters`]
+    pub fn from_parameters(parameters: &[f64; Self::PARAMETER_COUNT]) -> Self {
+        let mut pose = Self::default();
+        let vectors = pose.rotations.iter_mut().chain([&mut pose.shift_mm]);
+        for (slot, v) in parameters.chunks_exact(3).zip(vectors) {
+            *v = DVec3::new(slot[0], slot[1], slot[2]);
+        }
+        pose
+    }
+
+    /// Prior standard deviation of each parameter, in radians and mm
+    ///
+    /// How far people who try to stand still drift: found on rendered sway and kept tight where
+    /// silhouettes and keypoints say little (twist of the shins, rise of the root).
+    pub fn prior_sigmas() -> [f64; Self::PARAMETER_COUNT] {
+        let mut sigmas = Self::default();
+        for bone in Bone::ALL {
+            let degrees = match bone {
+                Bone::Root => [2.0, 5.0, 2.0],
+                Bone::LowerSpine => [3.0, 2.0, 3.0],
+                Bone::UpperSpine => [1.5, 1.5, 1.5],
+                Bone::Neck => [4.0, 5.0, 4.0],
+                Bone::Head => [4.0, 5.0, 3.0],
+                Bone::LeftClavicle | Bone::RightClavicle => [1.0, 1.0, 2.0],
+                Bone::LeftUpperArm | Bone::RightUpperArm => [6.0, 4.0, 7.0],
+                Bone::LeftForearm | Bone::RightForearm => [9.0, 4.0, 6.0],
+                Bone::LeftHand | Bone::RightHand => [4.0, 3.0, 4.0],
+                Bone::LeftThigh | Bone::RightThigh => [2.5, 2.5, 2.5],
+                Bone::LeftShin | Bone::RightShin => [3.0, 1.0, 1.0],
+                Bone::LeftFoot | Bone::RightFoot => [2.0, 2.0, 2.0],
+            };
+            sigmas.rotations[bone as usize] = DVec3::from_array(degrees.map(f64::to_radians));
+        }
+        sigmas.shift_mm = DVec3::new(40.0, 8.0, 45.0);
+        sigmas.to_parameters()
+    }
+}
+
+/// A body in one pose: for each bone, where it carries points of the reference pose
+#[derive(Debug, Clone)]
+pub struct PosedBones {
+    /// `room_from_reference`, one per bone
+    pub transforms: [DAffine3; Bone::COUNT],
+    heads: [DVec3; Bone::COUNT],
+    pose: Pose,
+}
+
+/// The axis and the pivot in the room of one rotation parameter, or the direction of a shift
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Motion {
+    /// `d point = axis x (point - pivot)`, for points that hang on the bone
+    Rotation {
+        /// Axis in the room; its length is the rate
+        axis: DVec3,
+        /// Point that stays, in mm
+        pivot: DVec3,
+    },
+    /// `d point = direction`, for all points
+    Shift {
+        /// Direction in the room
+        direction: DVec3,
+    },
+}
+
+impl Motion {
+    /// Velocity in the room of a point that moves fully with the bone
+    pub fn velocity(&self, point: DVec3) -> DVec3 {
+        match *self {
+            Motion::Rotation { axis, pivot } => axis.cross(point - pivot),
+            Motion::Shift { direction } => direction,
+        }
+    }
+}
+
+/// Poses the bones: `heads` are the bone heads in the reference pose (world frame, mm)
+pub fn pose_bones(heads: &[DVec3; Bone::COUNT], pose: &Pose, turn: TurnAngle) -> PosedBones {
+    let mut transforms = [DAffine3::IDENTITY; Bone::COUNT];
+    for bone in Bone::ALL {
+        let index = bone as usize;
+        let rotation = DMat3::from_quat(DQuat::from_scaled_axis(pose.rotations[index]));
+        transforms[index] = match bone.parent() {
+            None => DAffine3 {
+                matrix3: rotation * turn.room_from_world(),
+                translation: pose.shift_mm,
+            },
+            Some(parent) => {
+                let head = heads[index];
+                let local = DAffine3 {
+                    matrix3: rotation,
+                    translation: head - rotation * head,
+                };
+                transforms[parent as usize] * local
+            }
+        };
+    }
+    PosedBones {
+        transforms,
+        heads: *heads,
+        pose: *pose,
+    }
+}
+
+impl PosedBones {
+    /// Where a point of the reference pose that belongs to one bone lies in the room
+    pub fn carry(&self, bone: Bone, point: DVec3) -> DVec3 {
+        self.transforms[bone as usize].transform_point3(point)
+    }
+
+    /// The bone's head in the room
+    pub fn head(&self, bone: Bone) -> DVec3 {
+        self.carry(bone, self.heads[bone as usize])
+    }
+
+    /// Blend of the bones' transforms for one skinned vertex (linear blend skinning)
+    pub fn blend(&self, weight: &SkinWeight) -> DAffine3 {
+        let mut matrix3 = DMat3::ZERO;
+        let mut translation = DVec3::ZERO;
+        for (bone, w) in weight.iter() {
+            let transform = &self.transforms[bone as usize];
+            matrix3 += transform.matrix3 * w;
+            translation += transform.translation * w;
+        }
+        DAffine3 {
+            matrix3,
+            translation,
+        }
+    }
+
+    /// All vertices of a skinned surface in the room
+    pub fn skin(&self, positions: &[DVec3], weights: &[SkinWeight]) -> Vec<DVec3> {
+        positions
+            .iter()
+            .zip(weights)
+            .map(|(&p, w)| self.blend(w).transform_point3(p))
+            .collect()
+    }
+
+    /// Motion of one parameter (in the order of [`Pose::to_parameters`]): exact derivative of the posed points
+    ///
+    /// A point with skinning weights moves by the sum of its weights over the bone and its descendants times
+    /// the velocity (for blended points this is the usual approximation: the blended point instead of
+    /// each bone's own copy of it).
+    ///
+    /// # Panics
+    /// When `parameter` is not below [`Pose::PARAMETER_COUNT`].
+    pub fn motion(&self, parameter: usize) -> Motion {
+        let k = parameter % 3;
+        if parameter >= 3 * Bone::COUNT {
+            return Motion::Shift {
+                direction: DVec3::AXES[k],
+            };
+        }
+        let bone = Bone::ALL[parameter / 3];
+        let local = rotation_rate(self.pose.rotations[bone as usize], k);
+        match bone.parent() {
+            None => Motion::Rotation {
+                axis: local,
+                pivot: self.pose.shift_mm,
+            },
+            Some(parent) => Motion::Rotation {
+                axis: self.transforms[parent as usize].matrix3 * local,
+                pivot: self.head(bone),
+            },
+        }
+    }
+}
+
+/// Column `k` of the left Jacobian of the rotation group at rotation vector `r`
+fn rotation_rate(r: DVec3, k: usize) -> DVec3 {
+    let e = DVec3::AXES[k];
+    let angle = r.length();
+    // Below this the second-order series is exact to rounding.
+    if angle < 1e-4 {
+        return e + r.cross(e) / 2.0 + r.cross(r.cross(e)) / 6.0;
+    }
+    let (sin, cos) = angle.sin_cos();
+    e + r.cross(e) * ((1.0 - cos) / (angle * angle))
+        + r.cross(r.cross(e)) * ((angle - sin) / (angle * angle * angle))
+}
+
+/// Which bones move a vertex, and how much: at most four, weights sum to 1
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SkinWeight {
+    bones: [Bone; 4],
+    weights: [f64; 4],
+}
+
+impl SkinWeight {
+    /// Moves with one bone alone
+    pub fn rigid(bone: Bone) -> Self {
+        Self {
+            bones: [bone; 4],
+            weights: [1.0, 0.0, 0.0, 0.0],
+        }
+    }
+
+    /// Keeps the four largest weights and scales them to sum 1; rigid to the root when none is positive
+    pub fn from_all(all: &[f64; Bone::COUNT]) -> Self {
+        let mut order: [usize; Bone::COUNT] = std::array::from_fn(|i| i);
+        order.sort_by(|&a, &b| all[b].total_cmp(&all[a]));
+        let sum: f64 = order[..4].iter().map(|&b| all[b].max(0.0)).sum();
+        if !(sum.is_finite() && sum > 0.0) {
+            return Self::rigid(Bone::Root);
+        }
+        Self {
+            bones: std::array::from_fn(|i| Bone::ALL[order[i]]),
+            weights: std::array::from_fn(|i| all[order[i]].max(0.0) / sum),
+        }
+    }
+
+    /// The bones with a positive weight
+    pub fn iter(&self) -> impl Iterator<Item = (Bone, f64)> + '_ {
+        self.bones
+            .iter()
+            .copied()
+            .zip(self.weights)
+            .filter(|&(_, w)| w > 0.0)
+    }
+
+    /// Weight of one bone
+    pub fn of(&self, bone: Bone) -> f64 {
+        self.iter()
+            .filter(|&(b, _)| b == bone)
+            .map(|(_, w)| w)
+            .sum()
+    }
+
+    /// Sum of the weights over a bone and all that hangs on it
+    pub fn below(&self, ancestor: Bone) -> f64 {
+        self.iter()
+            .filter(|(b, _)| b.descends_from(ancestor))
+            .map(|(_, w)| w)
+            .sum()
+    }
+
+    /// The bone with the largest weight
+    pub fn strongest(&self) -> Bone {
+        let mut best = (self.bones[0], self.weights[0]);
+        for (bone, weight) in self.iter() {
+            if weight > best.1 {
+                best = (bone, weight);
+            }
+        }
+        best.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn heads() -> [DVec3; Bone::COUNT] {
+        std::array::from_fn(|i| {
+            let t = i as f64;
+            DVec3::new((t * 37.0) % 300.0 - 150.0, 100.0 * t, (t * 13.0) % 70.0)
+        })
+    }
+
+    fn some_pose() -> Pose {
+        let parameters = std::array::from_fn(|i| 0.3 * (i as f64 * 1.7).sin());
+        Pose::from_parameters(&parameters)
+    }
+
+    #[test]
+    fn parameters_go_in_and_out() {
+        let pose = some_pose();
+        assert_eq!(Pose::from_parameters(&pose.to_parameters()), pose);
+    }
+
+    #[test]
+    fn the_zero_pose_only_turns() {
+        let turn = TurnAngle::from_degrees(90.0);
+        let posed = pose_bones(&heads(), &Pose::default(), turn);
+        let p = DVec3::new(10.0, 20.0, 30.0);
+        for bone in Bone::ALL {
+            let expected = DVec3::new(30.0, 20.0, -10.0);
+            assert!((posed.carry(bone, p) - expected).length() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn motions_match_differences() {
+        let (heads, pose, turn) = (heads(), some_pose(), TurnAngle::from_degrees(70.0));
+        let posed = pose_bones(&heads, &pose, turn);
+        let p = DVec3::new(120.0, 950.0, -40.0);
+        for parameter in 0..Pose::PARAMETER_COUNT {
+            for bone in [Bone::LeftHand, Bone::Head, Bone::RightFoot] {
+                let at = |step: f64| {
+                    let mut q = pose.to_parameters();
+                    q[parameter] += step;
+                    pose_bones(&heads, &Pose::from_parameters(&q), turn).carry(bone, p)
+                };
+                let difference = (at(1e-5) - at(-1e-5)) / 2e-5;
+                let moved =
+                    parameter >= 3 * Bone::COUNT || bone.descends_from(Bone::ALL[parameter / 3]);
+                let expected = if moved {
+                    posed.motion(parameter).velocity(posed.carry(bone, p))
+                } else {
+                    DVec3::ZERO
+                };
+                assert!(
+                    (difference - expected).length() < 1e-4,
+                    "{parameter} {bone:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn weights_keep_the_four_largest_and_sum_to_one() {
+        let mut all = [0.0; Bone::COUNT];
+        all[3] = 2.0;
+        all[7] = 1.0;
+        all[9] = 1.0;
+        all[10] = 3.0;
+        all[11] = 0.5;
+        let weight = SkinWeight::from_all(&all);
+        assert!((weight.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() < 1e-12);
+        assert!(weight.of(Bone::LeftFoot).abs() < 1e-12);
+        assert_eq!(weight.strongest(), Bone::LeftShin);
+        let nan = SkinWeight::from_all(&[f64::NAN; Bone::COUNT]);
+        assert_eq!(nan, SkinWeight::rigid(Bone::Root));
+    }
+}

@@ -1,0 +1,352 @@
+//! Measurements for other programs: CSV, flat JSON, schema.org, FreeSewing, Seamly2D and Valentina.
+//!
+//! Measures that could not be had are left out of every format; each says in which unit it is.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value, json};
+
+use crate::sink::{WriteError, write_whole};
+use pirouette::measure::{Measure, Measurements};
+use pirouette::sizes::ChartSex;
+
+/// A format that other programs read
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ExportFormat {
+    /// Flat JSON: value and deviation per measure
+    Json,
+    /// One row per measure
+    Csv,
+    /// JSON-LD with the terms of schema.org
+    SchemaOrg,
+    /// A measurement set of FreeSewing, YAML, mm
+    FreeSewing,
+    /// Individual measurements of Seamly2D and Valentina, cm
+    Seamly2d,
+}
+
+impl ExportFormat {
+    /// Name of the file in a result folder
+    pub fn file_name(self) -> &'static str {
+        match self {
+            ExportFormat::Json => "measurements.flat.json",
+            ExportFormat::Csv => "measurements.csv",
+            ExportFormat::SchemaOrg => "measurements.schema-org.json",
+            ExportFormat::FreeSewing => "measurements.freesewing.yaml",
+            ExportFormat::Seamly2d => "measurements.vit",
+        }
+    }
+
+    /// The file's content
+    pub fn write(self, measurements: &Measurements) -> String {
+        match self {
+            ExportFormat::Json => flat_json(measurements),
+            ExportFormat::Csv => csv(measurements),
+            ExportFormat::SchemaOrg => schema_org(measurements),
+            ExportFormat::FreeSewing => freesewing(measurements),
+            ExportFormat::Seamly2d => seamly(measurements),
+        }
+    }
+}
+
+/// Writes measurements in some formats into a result folder; hands back the files
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write_exports(
+    folder: &Path,
+    measurements: &Measurements,
+    formats: &[ExportFormat],
+) -> Result<Vec<PathBuf>, WriteError> {
+    formats
+        .iter()
+        .map(|format| {
+            let file = folder.join(format.file_name());
+            write_whole(&file, format.write(measurements).as_bytes())?;
+            Ok(file)
+        })
+        .collect()
+}
+
+fn tenths(value: f64) -> f64 {
+    (value * 10.0).round() / 10.0
+}
+
+/// Values in mm, where there are any and the scale is known
+fn known(measurements: &Measurements) -> impl Iterator<Item = (Measure, f64, Option<f64>)> + '_ {
+    let scaled = measurements.in_mm();
+    measurements
+        .iter()
+        .filter(move |_| scaled)
+        .filter_map(|(measure, found)| {
+            let value_mm = found.value_mm.ok().filter(|v| v.is_finite())?;
+            Some((measure, value_mm, found.sd_mm))
+        })
+}
+
+fn flat_json(measurements: &Measurements) -> String {
+    let mut values = Map::new();
+    for (measure, value_mm, sd_mm) in known(measurements) {
+        let entry = json!({ "mm": tenths(value_mm), "sd_mm": sd_mm.map(tenths) });
+        values.insert(measure.name().to_owned(), entry);
+    }
+    if let Some(mass) = &measurements.mass {
+        values.insert("body_mass".into(), json!({ "kg": tenths(mass.mass_kg) }));
+        values.insert("volume".into(), json!({ "l": tenths(mass.volume_l) }));
+    }
+    format!("{:#}\n", Value::Object(values))
+}
+
+fn csv(measurements: &Measurements) -> String {
+    let mut text = String::from("measure,value_mm,sd_mm,left_mm,right_mm,level_mm,definition\n");
+    let cell = |value: Option<f64>| value.map_or(String::new(), |v| tenths(v).to_string());
+    for (measure, value_mm, sd_mm) in known(measurements) {
+        let found = measurements.get(measure);
+        let definition = measure.definition().replace('"', "\"\"");
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{},{},\"{definition}\"",
+            measure.name(),
+            tenths(value_mm),
+            cell(sd_mm),
+            cell(found.left_mm),
+            cell(found.right_mm),
+            cell(found.level_mm),
+        );
+    }
+    text
+}
+
+/// Terms of schema.org's BodyMeasurementTypeEnumeration
+fn schema_term(measure: Measure, sex: Option<ChartSex>) -> Option<&'static str> {
+    Some(match measure {
+        Measure::Stature => "BodyMeasurementHeight",
+        Measure::NeckGirth => "BodyMeasurementNeck",
+        Measure::BustGirth if sex == Some(ChartSex::Male) => "BodyMeasurementChest",
+        Measure::BustGirth => "BodyMeasurementBust",
+        Measure::UnderbustGirth => "BodyMeasurementUnderbust",
+        Measure::WaistGirth => "BodyMeasurementWaist",
+        Measure::HipGirth => "BodyMeasurementHips",
+        Measure::CrotchHeight => "BodyMeasurementInsideLeg",
+        Measure::HeadGirth => "BodyMeasurementHead",
+        Measure::FootLength => "BodyMeasurementFoot",
+        Measure::ShoulderToWrist => "BodyMeasurementArm",
+        _ => return None,
+    })
+}
+
+fn schema_org(measurements: &Measurements) -> String {
+    let sex = measurements.subject.sex.and_then(ChartSex::of);
+    let mut all: Vec<Value> = known(measurements)
+        .filter_map(|(measure, value_mm, sd_mm)| {
+            let term = schema_term(measure, sex)?;
+            let mut entry = json!({
+                "@type": "QuantitativeValue",
+                "name": measure.name().replace('_', " "),
+                "valueReference": format!("https://schema.org/{term}"),
+                "value": tenths(value_mm),
+                "unitCode": "MMT",
+            });
+            if let Some(sd_mm) = sd_mm {
+                entry["minValue"] = json!(tenths(value_mm - sd_mm));
+                entry["maxValue"] = json!(tenths(value_mm + sd_mm));
+            }
+            Some(entry)
+        })
+        .collect();
+    if let Some(mass) = &measurements.mass {
+        all.push(json!({
+            "@type": "QuantitativeValue",
+            "name": "weight",
+            "valueReference": "https://schema.org/BodyMeasurementWeight",
+            "value": tenths(mass.stated_kg.unwrap_or(mass.mass_kg)),
+            "unitCode": "KGM",
+        }));
+    }
+    let mut value = json!({
+        "@context": "https://schema.org",
+        "@type": "SizeSpecification",
+        "suggestedMeasurement": all,
+    });
+    if let Some(sex) = sex {
+        value["suggestedGender"] = json!(match sex {
+            ChartSex::Female => "https://schema.org/Female",
+            ChartSex::Male => "https://schema.org/Male",
+        });
+    }
+    format!("{value:#}\n")
+}
+
+/// Names of FreeSewing and how they follow from measures
+fn freesewing(measurements: &Measurements) -> String {
+    let value = |measure| {
+        let mut all = known(measurements);
+        all.find(|(m, _, _)| *m == measure).map(|(_, v, _)| v)
+    };
+    let difference = |high, low| Some(value(high)? - value(low)?);
+    let rows = [
+        ("ankle", value(Measure::AnkleGirth)),
+        ("biceps", value(Measure::UpperArmGirth)),
+        ("chest", value(Measure::BustGirth)),
+        ("crossSeam", value(Measure::Rise)),
+        ("head", value(Measure::HeadGirth)),
+        ("inseam", value(Measure::CrotchHeight)),
+        ("knee", value(Measure::KneeGirth)),
+        ("neck", value(Measure::NeckGirth)),
+        ("seat", value(Measure::HipGirth)),
+        ("shoulderToShoulder", value(Measure::ShoulderWidth)),
+        ("shoulderToWrist", value(Measure::ShoulderToWrist)),
+        ("underbust", value(Measure::UnderbustGirth)),
+        ("upperLeg", value(Measure::ThighGirth)),
+        ("waist", value(Measure::WaistGirth)),
+        ("waistToFloor", value(Measure::WaistHeight)),
+        (
+            "waistToSeat",
+            difference(Measure::WaistHeight, Measure::HipHeight),
+        ),
+        (
+            "waistToUpperLeg",
+            difference(Measure::WaistHeight, Measure::CrotchHeight),
+        ),
+        ("wrist", value(Measure::WristGirth)),
+    ];
+    let mut text = String::from("name: pirouette\nunits: metric\nmeasurements:\n");
+    let mut any = false;
+    for (name, value) in rows {
+        if let Some(value) = value {
+            any = true;
+            let _ = writeln!(text, "  {name}: {}", tenths(value));
+        }
+    }
+    if !any {
+        text = text.replace("measurements:\n", "measurements: {}\n");
+    }
+    text
+}
+
+/// Names of Seamly2D and Valentina
+fn seamly_name(measure: Measure) -> Option<&'static str> {
+    Some(match measure {
+        Measure::Stature => "height",
+        Measure::NeckGirth => "neck_circ",
+        Measure::BustGirth => "bust_circ",
+        Measure::UnderbustGirth => "lowbust_circ",
+        Measure::WaistGirth => "waist_circ",
+        Measure::HipGirth => "hip_circ",
+        Measure::HeadGirth => "head_circ",
+        Measure::ThighGirth => "leg_thigh_upper_circ",
+        Measure::KneeGirth => "leg_knee_circ",
+        Measure::CalfGirth => "leg_calf_circ",
+        Measure::AnkleGirth => "leg_ankle_high_circ",
+        Measure::UpperArmGirth => "arm_upper_circ",
+        Measure::WristGirth => "arm_wrist_circ",
+        Measure::CrotchHeight => "leg_crotch_to_floor",
+        Measure::BustHeight => "height_bustpoint",
+        Measure::WaistHeight => "height_waist_side",
+        Measure::HipHeight => "height_hip",
+        Measure::Rise => "crotch_length",
+        Measure::NapeToWaist => "neck_back_to_waist_b",
+        Measure::ShoulderToWrist => "arm_shoulder_tip_to_wrist",
+        Measure::ShoulderWidth => "shoulder_tip_to_shoulder_tip_b",
+        Measure::FootLength => "foot_length",
+        Measure::ArmLength | Measure::BackLength => return None,
+    })
+}
+
+fn seamly(measurements: &Measurements) -> String {
+    let gender = match measurements.subject.sex.and_then(ChartSex::of) {
+        Some(ChartSex::Female) => "female",
+        Some(ChartSex::Male) => "male",
+        None => "unknown",
+    };
+    let mut text = format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<vit>\n    <version>0.3.3</version>\n    <read-only>false</read-only>\n    \
+         <notes/>\n    <unit>cm</unit>\n    <pm_system>998</pm_system>\n    <personal>\n        <family-name/>\n        \
+         <given-name/>\n        <birth-date>1800-01-01</birth-date>\n        <gender>{gender}</gender>\n        <email/>\n    \
+         </personal>\n    <body-measurements>\n"
+    );
+    for (measure, value_mm, _) in known(measurements) {
+        if let Some(name) = seamly_name(measure) {
+            let value_cm = (value_mm * 10.0).round() / 100.0;
+            let _ = writeln!(text, "        <m name=\"{name}\" value=\"{value_cm}\"/>");
+        }
+    }
+    text.push_str("    </body-measurements>\n</vit>\n");
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pirouette::measure::{MeasureInput, measure};
+    use pirouette::scan::{StatureFrom, Subject};
+    use pirouette_body::Sex;
+    use pirouette_body::mannequin::{MannequinParameters, mannequin};
+
+    const ALL: [ExportFormat; 5] = [
+        ExportFormat::Json,
+        ExportFormat::Csv,
+        ExportFormat::SchemaOrg,
+        ExportFormat::FreeSewing,
+        ExportFormat::Seamly2d,
+    ];
+
+    fn measured(stature_mm: Option<f64>) -> Measurements {
+        let avatar = mannequin(&MannequinParameters::default()).unwrap();
+        measure(&MeasureInput {
+            body: &avatar.mesh,
+            avatar: &avatar,
+            fitted: true,
+            views: &[],
+            stature_mm,
+            stature_from: StatureFrom::Stated,
+            subject: Subject {
+                sex: Some(Sex::Female),
+                ..Subject::default()
+            },
+            given_masks: 1.0,
+        })
+    }
+
+    #[test]
+    fn every_format_tells_the_waist_in_its_own_words() {
+        let all = measured(Some(1700.0));
+        let waist_mm = tenths(all.value_mm(Measure::WaistGirth).unwrap());
+        for (format, expected) in ALL.into_iter().zip([
+            format!("\"mm\": {waist_mm:?}"),
+            format!("waist_girth,{waist_mm},"),
+            "https://schema.org/BodyMeasurementWaist".to_owned(),
+            format!("  waist: {waist_mm}\n"),
+            "<m name=\"waist_circ\" value=\"".to_owned(),
+        ]) {
+            let text = format.write(&all);
+            assert!(text.contains(&expected), "{expected} in {text}");
+        }
+    }
+
+    #[test]
+    fn json_is_json_and_xml_closes_what_it_opens() {
+        let all = measured(Some(1700.0));
+        let flat: Value = serde_json::from_str(&ExportFormat::Json.write(&all)).unwrap();
+        assert!(flat["hip_girth"]["mm"].as_f64().unwrap() > 500.0);
+        let schema: Value = serde_json::from_str(&ExportFormat::SchemaOrg.write(&all)).unwrap();
+        assert_eq!(schema["suggestedGender"], "https://schema.org/Female");
+        let terms = schema["suggestedMeasurement"].as_array().unwrap();
+        assert!(terms.iter().all(|t| t["value"].is_number()));
+        let vit = ExportFormat::Seamly2d.write(&all);
+        assert_eq!(vit.matches("<m name=").count(), 22);
+        assert!(vit.trim_end().ends_with("</vit>"));
+        let csv = ExportFormat::Csv.write(&all);
+        assert_eq!(csv.lines().count(), 1 + Measure::ALL.len());
+    }
+
+    #[test]
+    fn without_a_scale_there_are_no_values_in_mm() {
+        let all = measured(None);
+        for format in ALL {
+            let text = format.write(&all);
+            assert!(!text.contains("waist"), "{text}");
+        }
+    }
+}

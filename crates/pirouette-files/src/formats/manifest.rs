@@ -1,0 +1,349 @@
+//! The manifest `scan.json`: what is known of a scan besides its photos.
+
+use std::ops::RangeInclusive;
+use std::path::{Component, Path};
+
+use serde::Deserialize;
+use thiserror::Error;
+
+use pirouette::scan::{CameraSetup, Subject};
+use pirouette_body::ReferencePose;
+use pirouette_body::Sex;
+
+/// Name of the manifest in a scan folder
+pub const FILE_NAME: &str = "scan.json";
+
+const STATURE_MM: RangeInclusive<f64> = 500.0..=2700.0;
+const MASS_KG: RangeInclusive<f64> = 10.0..=400.0;
+const AGE_YEARS: RangeInclusive<f64> = 0.0..=130.0;
+const MM_PER_PX: RangeInclusive<f64> = 0.05..=50.0;
+const VERTICAL_FOV_DEG: RangeInclusive<f64> = 2.0..=150.0;
+const CAMERA_HEIGHT_MM: RangeInclusive<f64> = 0.0..=10_000.0;
+const CAMERA_DISTANCE_MM: RangeInclusive<f64> = 300.0..=100_000.0;
+const PITCH_DEG: RangeInclusive<f64> = -80.0..=80.0;
+const ANGLE_DEG: RangeInclusive<f64> = -3600.0..=3600.0;
+
+/// A checked manifest
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Manifest {
+    /// The pose the person tries to hold
+    pub pose: ReferencePose,
+    /// Height of the person, in mm
+    pub stature_mm: Option<f64>,
+    /// Size of a pixel at the turning axis, in mm
+    pub mm_per_px: Option<f64>,
+    /// What the person told besides
+    pub subject: Subject,
+    /// What is known of the camera
+    pub camera: CameraSetup,
+    /// The views; without any, the images of the folder are taken
+    pub views: Option<Vec<ManifestView>>,
+}
+
+/// One view of a manifest; paths are relative to the scan folder and do not leave it
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ManifestView {
+    /// The photo
+    pub image: String,
+    /// Its keypoints; without, `<stem>_keypoints.json` is looked for
+    pub keypoints: Option<String>,
+    /// Turn angle, in degrees
+    pub angle_deg: Option<f64>,
+    /// A silhouette that replaces segmentation
+    pub mask: Option<String>,
+}
+
+/// Why a manifest cannot be used
+#[derive(Debug, Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum ManifestError {
+    #[error("{0}")]
+    Json(serde_json::Error),
+    #[error("`{key}` is {value}; it must lie between {lowest} and {highest}")]
+    OutOfRange {
+        key: String,
+        value: f64,
+        lowest: f64,
+        highest: f64,
+    },
+    #[error(
+        "`{key}` is \"{path}\"; paths are relative to the scan folder and may not leave it (no \"..\")"
+    )]
+    PathLeaves { key: String, path: String },
+    #[error("`views` is empty; leave the key out to take all images of the folder")]
+    NoViews,
+    #[error("`views[{first}]` and `views[{second}]` both have the name \"{name}\"; rename a photo")]
+    SameName {
+        first: usize,
+        second: usize,
+        name: String,
+    },
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    pose: Option<PoseName>,
+    subject: Option<SubjectFile>,
+    camera: Option<CameraFile>,
+    views: Option<Vec<ManifestView>>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum PoseName {
+    A,
+    T,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct SubjectFile {
+    stature_mm: Option<f64>,
+    sex: Option<SexName>,
+    mass_kg: Option<f64>,
+    age_years: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum SexName {
+    Female,
+    Male,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct CameraFile {
+    vertical_fov_deg: Option<f64>,
+    height_mm: Option<f64>,
+    distance_mm: Option<f64>,
+    pitch_deg: Option<f64>,
+    mm_per_px: Option<f64>,
+}
+
+/// Reads and checks a manifest
+///
+/// # Errors
+/// When the bytes are no JSON, have a key that is not known, or a value out of its range; the message
+/// names the key and where it stands.
+pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
+    let file: File = serde_json::from_slice(json).map_err(ManifestError::Json)?;
+    let camera = file.camera.unwrap_or_default();
+    let subject = file.subject.unwrap_or_default();
+    let checked = Manifest {
+        pose: match file.pose {
+            Some(PoseName::T) => ReferencePose::T,
+            Some(PoseName::A) | None => ReferencePose::A,
+        },
+        stature_mm: within(subject.stature_mm, STATURE_MM, || {
+            "subject.stature_mm".into()
+        })?,
+        mm_per_px: within(camera.mm_per_px, MM_PER_PX, || "camera.mm_per_px".into())?,
+        subject: Subject {
+            sex: subject.sex.map(|sex| match sex {
+                SexName::Female => Sex::Female,
+                SexName::Male => Sex::Male,
+            }),
+            mass_kg: within(subject.mass_kg, MASS_KG, || "subject.mass_kg".into())?,
+            age_years: within(subject.age_years, AGE_YEARS, || "subject.age_years".into())?,
+        },
+        camera: CameraSetup {
+            vertical_fov_radians: within(camera.vertical_fov_deg, VERTICAL_FOV_DEG, || {
+                "camera.vertical_fov_deg".into()
+            })?
+            .map(f64::to_radians),
+            height_mm: within(camera.height_mm, CAMERA_HEIGHT_MM, || {
+                "camera.height_mm".into()
+            })?,
+            distance_mm: within(camera.distance_mm, CAMERA_DISTANCE_MM, || {
+                "camera.distance_mm".into()
+            })?,
+            pitch_radians: within(camera.pitch_deg, PITCH_DEG, || "camera.pitch_deg".into())?
+                .map(f64::to_radians),
+        },
+        views: file.views,
+    };
+    if let Some(views) = &checked.views {
+        check_views(views)?;
+    }
+    Ok(checked)
+}
+
+fn check_views(views: &[ManifestView]) -> Result<(), ManifestError> {
+    if views.is_empty() {
+        return Err(ManifestError::NoViews);
+    }
+    let mut names = std::collections::HashMap::new();
+    for (index, view) in views.iter().enumerate() {
+        within(view.angle_deg, ANGLE_DEG, || {
+            format!("views[{index}].angle_deg")
+        })?;
+        let paths = [
+            ("image", Some(&view.image)),
+            ("keypoints", view.keypoints.as_ref()),
+            ("mask", view.mask.as_ref()),
+        ];
+        for (key, path) in paths {
+            if let Some(path) = path
+                && !stays_inside(path)
+            {
+                return Err(ManifestError::PathLeaves {
+                    key: format!("views[{index}].{key}"),
+                    path: path.clone(),
+                });
+            }
+        }
+        let name = stem(&view.image);
+        // Results go to a folder of that name.
+        if name.trim_matches('.').is_empty() {
+            return Err(ManifestError::PathLeaves {
+                key: format!("views[{index}].image"),
+                path: view.image.clone(),
+            });
+        }
+        if let Some(first) = names.insert(name.clone(), index) {
+            return Err(ManifestError::SameName {
+                first,
+                second: index,
+                name,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn within(
+    value: Option<f64>,
+    range: RangeInclusive<f64>,
+    key: impl FnOnce() -> String,
+) -> Result<Option<f64>, ManifestError> {
+    match value {
+        Some(value) if !range.contains(&value) => Err(ManifestError::OutOfRange {
+            key: key(),
+            value,
+            lowest: *range.start(),
+            highest: *range.end(),
+        }),
+        inside => Ok(inside),
+    }
+}
+
+/// Whether a path names a file in the folder it is relative to, by its spelling alone
+fn stays_inside(path: &str) -> bool {
+    let mut components = Path::new(path).components().peekable();
+    // On no system may a manifest use what is a root, a drive or a stream on another.
+    components.peek().is_some()
+        && !path.contains(['\\', ':', '\0'])
+        && components.all(|c| matches!(c, Component::Normal(_) | Component::CurDir))
+        && Path::new(path).file_name().is_some()
+}
+
+/// Name of a view: the photo's file name without its ending
+pub fn stem(image: &str) -> String {
+    let stem = Path::new(image).file_stem();
+    stem.map_or_else(String::new, |s| s.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error(json: &str) -> String {
+        parse_manifest(json.as_bytes()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn everything_is_read() {
+        let manifest = parse_manifest(
+            br#"{ "pose": "t", "subject": { "stature_mm": 1748.0, "sex": "male", "mass_kg": 81, "age_years": 44 },
+                 "camera": { "mm_per_px": 2.1, "vertical_fov_deg": 50.0, "height_mm": 890, "distance_mm": 2400.0, "pitch_deg": -5 },
+                 "views": [ { "image": "a/000.jpg", "keypoints": "k.json", "angle_deg": 45, "mask": "m.png" } ] }"#,
+        )
+        .unwrap();
+        assert_eq!(manifest.pose, ReferencePose::T);
+        assert_eq!(manifest.stature_mm, Some(1748.0));
+        assert_eq!(manifest.camera.height_mm, Some(890.0));
+        assert_eq!(manifest.mm_per_px, Some(2.1));
+        let subject = manifest.subject;
+        assert_eq!(
+            (subject.sex, subject.mass_kg),
+            (Some(Sex::Male), Some(81.0))
+        );
+        assert_eq!(subject.age_years, Some(44.0));
+        let pitch = manifest.camera.pitch_radians.unwrap();
+        assert!((pitch.to_degrees() + 5.0).abs() < 1e-9);
+        let view = &manifest.views.unwrap()[0];
+        assert_eq!(stem(&view.image), "000");
+        assert_eq!(view.angle_deg, Some(45.0));
+        assert_eq!(view.mask.as_deref(), Some("m.png"));
+    }
+
+    #[test]
+    fn everything_may_be_missing() {
+        assert_eq!(parse_manifest(b"{}").unwrap(), Manifest::default());
+    }
+
+    #[test]
+    fn an_unknown_key_is_named_with_its_place() {
+        let message = error("{\n \"subject\": { \"statur_mm\": 1700 } }");
+        assert!(message.contains("statur_mm"), "{message}");
+        assert!(message.contains("line 2"), "{message}");
+        assert!(
+            error(r#"{ "views": [ { "image": "a.jpg", "angle": 3 } ] }"#).contains("`angle`"),
+            "keys of views are checked too"
+        );
+    }
+
+    #[test]
+    fn values_out_of_range_are_named_with_their_range() {
+        let message = error(r#"{ "subject": { "stature_mm": 1.75 } }"#);
+        assert!(message.contains("subject.stature_mm"), "{message}");
+        assert!(message.contains("500") && message.contains("2700"));
+        for (key, value) in [
+            ("vertical_fov_deg", "-40"),
+            ("height_mm", "-1"),
+            ("distance_mm", "0"),
+            ("pitch_deg", "90"),
+            ("mm_per_px", "0"),
+        ] {
+            let json = format!("{{ \"camera\": {{ \"{key}\": {value} }} }}");
+            assert!(error(&json).contains(&format!("camera.{key}")));
+        }
+        for poison in ["NaN", "1e999", "\"50\""] {
+            let json = format!("{{ \"camera\": {{ \"height_mm\": {poison} }} }}");
+            assert!(error(&json).contains("line 1"), "{poison}");
+        }
+    }
+
+    #[test]
+    fn paths_stay_inside() {
+        for path in [
+            "../a.jpg",
+            "a/../../b.jpg",
+            "/etc/passwd",
+            "..",
+            "",
+            "C:\\a.jpg",
+            "a\\..\\..\\b",
+        ] {
+            let json = serde_json::json!({ "views": [ { "image": path } ] }).to_string();
+            assert!(error(&json).contains("views[0].image"), "{path}");
+            let json =
+                serde_json::json!({ "views": [ { "image": "a.jpg", "mask": path } ] }).to_string();
+            assert!(error(&json).contains("views[0].mask"), "{path}");
+        }
+        // Its results would go to the folder `..`.
+        let dots = r#"{ "views": [ { "image": "...jpg" } ] }"#;
+        assert!(error(dots).contains("views[0].image"));
+    }
+
+    #[test]
+    fn names_are_needed_once() {
+        let message = error(r#"{ "views": [ { "image": "a/1.jpg" }, { "image": "b/1.png" } ] }"#);
+        assert!(message.contains("\"1\""), "{message}");
+        assert!(error(r#"{ "views": [] }"#).contains("empty"));
+        assert!(error(r#"{ "views": [ { "angle_deg": 3 } ] }"#).contains("image"));
+    }
+}

@@ -1,0 +1,112 @@
+//! Measurements as `measurements.json` holds them.
+
+use pirouette::measure::{BodyMass, Estimate, LengthUnit, Measure, Measured, Measurements};
+use pirouette::scan::{StatureFrom, Subject};
+use pirouette::sizes::Advice;
+use serde_json::{Map, Value, json};
+
+/// As `measurements.json` holds it; `advice` are its sizes
+///
+/// `{ "measurements_mm": { key: number or null }, "details": { key: { .. } }, .. }`
+pub fn measurements_json(measurements: &Measurements, advice: &[Advice]) -> Value {
+    let unit = measurements.unit();
+    let values = |unit: LengthUnit, known: bool| -> Map<String, Value> {
+        let value = |m: &Measured| m.value_mm.ok().filter(|_| known).map(|v| unit.convert(v));
+        let values = measurements.iter();
+        values
+            .map(|(measure, found)| (measure.name().to_owned(), json!(value(found))))
+            .collect()
+    };
+    let details: Map<String, Value> = measurements
+        .iter()
+        .map(|(m, found)| (m.name().to_owned(), details(m, found, unit)))
+        .collect();
+    let mut file = json!({
+        "measurements_mm": values(LengthUnit::Millimeter, measurements.in_mm()),
+        "unit": if measurements.in_mm() { "mm" } else { "stature" },
+        "scale": match measurements.stature {
+            Some(StatureFrom::Stated) => "stature",
+            Some(StatureFrom::Card) => "card",
+            Some(StatureFrom::PixelSize) => "mm_per_px",
+            None => "unknown: give the stature, camera.mm_per_px, or --scale card",
+        },
+    });
+    if !measurements.in_mm() {
+        file["measurements_per_stature"] = Value::Object(values(unit, true));
+    }
+    if let Some(mass) = &measurements.mass {
+        file["body"] = body_mass_json(mass);
+    }
+    let Subject {
+        sex,
+        mass_kg,
+        age_years,
+    } = measurements.subject;
+    if sex.is_some() || mass_kg.is_some() || age_years.is_some() {
+        file["subject"] = json!({
+            "sex": sex.map(|sex| sex.name()),
+            "mass_kg": mass_kg,
+            "age_years": age_years,
+        });
+    }
+    if !advice.is_empty() {
+        file["sizes"] = json!(advice);
+    }
+    file["details"] = Value::Object(details);
+    file
+}
+
+/// One measure as files show it
+fn details(measure: Measure, measured: &Measured, unit: LengthUnit) -> Value {
+    let mut map = Map::new();
+    map.insert("definition".into(), json!(measure.definition()));
+    map.insert("method".into(), json!(measured.method));
+    if let Err(why) = measured.value_mm {
+        map.insert("missing".into(), json!(why.to_string()));
+    }
+    for (key, value) in [
+        ("left", measured.left_mm),
+        ("right", measured.right_mm),
+        ("level", measured.level_mm),
+        ("sd", measured.sd_mm),
+        ("scale_sd", measured.scale_sd_mm),
+    ] {
+        if let Some(value) = value {
+            map.insert(
+                format!("{key}{}", unit.suffix()),
+                json!(unit.convert(value)),
+            );
+        }
+    }
+    if let Some(views) = measured.view_count {
+        map.insert("views".into(), json!(views));
+    }
+    for (key, estimate) in [
+        ("support_lines", measured.lines),
+        ("body_tape", measured.body),
+        ("pixels", measured.pixels),
+        ("prior", measured.prior),
+    ] {
+        if let Some(Estimate { value_mm, sd_mm }) = estimate {
+            let (suffix, value, sd) = (unit.suffix(), unit.convert(value_mm), unit.convert(sd_mm));
+            let entry = [(&suffix[1..], value), (&format!("sd{suffix}")[..], sd)];
+            let entry = entry.map(|(key, value)| (key.to_owned(), json!(value)));
+            map.insert(key.into(), Value::Object(Map::from_iter(entry)));
+        }
+    }
+    if measured.contradicted {
+        map.insert("contradicted".into(), json!(true));
+    }
+    Value::Object(map)
+}
+
+fn body_mass_json(mass: &BodyMass) -> Value {
+    let tenths = |value: f64| (value * 10.0).round() / 10.0;
+    json!({
+        "volume_l": tenths(mass.volume_l),
+        "volume_sd_l": tenths(mass.volume_sd_l),
+        "mass_kg": tenths(mass.mass_kg),
+        "mass_sd_kg": tenths(mass.mass_sd_kg),
+        "stated_mass_kg": mass.stated_kg,
+    })
+}

@@ -1,0 +1,223 @@
+//! The pictures of a result folder: an overlay per view, the contact sheet, and the residuals.
+
+use std::borrow::Cow;
+
+use glam::DVec3;
+use pirouette_geom::{Mask, TriMesh};
+use rayon::prelude::*;
+
+use crate::report::{
+    ContactView, OverlayInput, ResidualView, SeenBody, contact_sheet, count_color, overlay,
+    residual_sheet,
+};
+use crate::scan_folder::LoadedScan;
+use pirouette::body_fit::Fit;
+use pirouette::color::SurfaceColors;
+use pirouette::normalize::shared_skeleton_joints;
+use pirouette::pipeline::{Method, Report, ViewReport};
+use pirouette::scan::{Photo, View};
+use pirouette::skeleton_fit::Bundle;
+use pirouette_body::Avatar;
+use pirouette_body::TurnAngle;
+use pirouette_body::render;
+use pirouette_body::render::SilhouetteMesh;
+use pirouette_body::{Pose, pose_bones};
+
+/// Bodies in the contact sheet are drawn at this part of the photo's size: tiles are no larger
+const BODY_SCALE: f64 = 0.4;
+
+/// The same for references, whose outlines are compared
+const REFERENCE_SCALE: f64 = 0.6;
+
+/// And in the picture of residuals
+const SEEN_SCALE: f64 = 0.6;
+
+/// Cells in which the vertices of a carved body are put together for pictures, in mm
+///
+/// Pixels of the contact sheet are about as large; carved bodies have ten vertices in each.
+const CARVED_DETAIL_MM: f64 = 6.0;
+
+/// The body as pictures show it
+pub(crate) struct DrawnBody<'a> {
+    pub(crate) surface: Cow<'a, TriMesh>,
+    pub(crate) mesh: SilhouetteMesh,
+}
+
+impl<'a> DrawnBody<'a> {
+    /// `None` where there is no body
+    pub(crate) fn new(report: &'a Report) -> Option<Self> {
+        let body = report.body.as_ref()?;
+        // The colors of a fitted body belong to its vertices.
+        let surface = match report.fit {
+            Some(_) => Cow::Borrowed(body),
+            None => Cow::Owned(body.clustered(CARVED_DETAIL_MM)),
+        };
+        let mesh = SilhouetteMesh::new(&surface.triangles);
+        Some(Self { surface, mesh })
+    }
+}
+
+/// Draws what was known and found over the photo of one view
+pub(crate) fn draw_overlay(view: &View, report: &Report, found: &ViewReport) -> Photo {
+    let target = report.bundle.as_ref().map(|bundle| {
+        let (pose, turn) = (&bundle.poses[found.index], bundle.turns[found.index]);
+        let camera = &bundle.cameras[found.index];
+        shared_skeleton_joints(reference(report, bundle), pose, turn, camera).reference
+    });
+    overlay(&OverlayInput {
+        photo: &view.photo,
+        seeds: found.silhouette.seeds.as_ref(),
+        silhouette: Some(&found.silhouette.soft),
+        detected: &view.keypoints,
+        target: target.as_ref(),
+    })
+}
+
+/// The figure in the reference pose to which the silhouettes were normalized, or could be
+fn reference<'a>(report: &'a Report, bundle: &'a Bundle) -> &'a Avatar {
+    match (&report.fit, report.method) {
+        (Some(fit), _) => &fit.avatar,
+        (None, Method::Fit) => &bundle.avatar,
+        (None, Method::ThreeStep) => &report.avatar,
+    }
+}
+
+/// Draws all views side by side: photo, mask, normalized over reference, body
+///
+/// A fitted body has the colors of the photos and the pose of the view, a carved one stands in the reference pose.
+pub(crate) fn draw_contact_sheet(
+    loaded: &LoadedScan,
+    report: &Report,
+    body: Option<&DrawnBody>,
+) -> Photo {
+    let colors = report.colors.as_ref().map(SurfaceColors::to_linear);
+    let bundle = report.bundle.as_ref();
+    let reference = bundle.map(|bundle| &reference(report, bundle).mesh);
+    let of_reference = reference.map(|mesh| match body {
+        Some(same) if same.mesh.triangles() == mesh.triangles => Cow::Borrowed(&same.mesh),
+        _ => Cow::Owned(SilhouetteMesh::new(&mesh.triangles)),
+    });
+    let drawn: Vec<_> = report
+        .views
+        .par_iter()
+        .enumerate()
+        .map(|(place, found)| {
+            let seen = bundle.map(|b| (b.cameras[found.index], b.turns[found.index]));
+            let reference = reference.zip(of_reference.as_ref()).zip(seen);
+            let reference = reference.map(|((mesh, edges), (camera, turn))| {
+                let positions = turned(&mesh.positions, turn);
+                let coverage = edges.silhouette(&positions, &camera.scaled(REFERENCE_SCALE));
+                coverage.map(|&covered| (255.0 * covered + 0.5) as u8)
+            });
+            let camera = seen.map(|(camera, turn)| (camera.scaled(BODY_SCALE), turn));
+            // A fitted body can stand as in the photo, to be held against it.
+            let body = body.zip(camera);
+            let body = body.and_then(|(DrawnBody { surface, mesh }, (camera, turn))| {
+                Some(match &report.fit {
+                    Some(fit) => {
+                        let positions = posed(fit, fit.poses.get(place)?, turn);
+                        render::shade(mesh, &positions, colors.as_deref(), &camera)
+                    }
+                    None => render::shade(mesh, &turned(&surface.positions, turn), None, &camera),
+                })
+            });
+            (reference, body)
+        })
+        .collect();
+    let views: Vec<ContactView> = report
+        .views
+        .iter()
+        .zip(&drawn)
+        .map(|(found, (reference, body))| {
+            let view = &loaded.scan.views[found.index];
+            ContactView {
+                name: &view.name,
+                turn: view.turn,
+                photo: &view.photo,
+                mask: Some(&found.silhouette.mask),
+                normalized: found.normalized.as_ref().map(|n| &n.mask),
+                reference: reference.as_ref(),
+                body: body.as_ref(),
+            }
+        })
+        .collect();
+    contact_sheet(&views)
+}
+
+/// Draws how far the outlines in the photos are from the fitted body's, and how many views see each part of it
+///
+/// `None` when no body was fitted.
+pub(crate) fn draw_residuals(
+    loaded: &LoadedScan,
+    report: &Report,
+    body: Option<&DrawnBody>,
+) -> Option<Photo> {
+    let (bundle, fit, mesh) = (report.bundle.as_ref()?, report.fit.as_ref()?, &body?.mesh);
+    let silhouettes: Vec<Mask> = report
+        .views
+        .par_iter()
+        .zip(&fit.poses)
+        .map(|(found, pose)| {
+            let positions = posed(fit, pose, bundle.turns[found.index]);
+            let coverage = mesh.silhouette(&positions, &bundle.cameras[found.index]);
+            coverage.threshold(0.5)
+        })
+        .collect();
+    let views: Vec<ResidualView> = report
+        .views
+        .iter()
+        .zip(&silhouettes)
+        .map(|(found, body)| {
+            let (view, camera) = (
+                &loaded.scan.views[found.index],
+                &bundle.cameras[found.index],
+            );
+            ResidualView {
+                name: &view.name,
+                turn: view.turn,
+                photo: &view.photo,
+                silhouette: &found.silhouette.soft,
+                mask: &found.silhouette.mask,
+                body,
+                mm_per_px: camera.distance_mm / camera.focal_px(),
+            }
+        })
+        .collect();
+    let mut seen = Vec::new();
+    if let (Some(colors), Some(camera)) = (&report.colors, bundle.cameras.first()) {
+        let counts = colors.view_counts.iter();
+        let counts: Vec<[f32; 3]> = counts
+            .map(|&count| {
+                let color = count_color(usize::from(count));
+                color.map(|v| render::linear_from_srgb(f32::from(v) / 255.0))
+            })
+            .collect();
+        for (label, degrees) in [("front", 0.0), ("back", 180.0)] {
+            let turn = TurnAngle::from_degrees(degrees);
+            let positions = turned(&fit.avatar.mesh.positions, turn);
+            let camera = camera.scaled(SEEN_SCALE);
+            let picture = render::shade(mesh, &positions, Some(&counts), &camera);
+            let silhouette = mesh.silhouette(&positions, &camera).threshold(0.5);
+            seen.push((label, picture, silhouette));
+        }
+    }
+    let seen: Vec<SeenBody> = seen
+        .iter()
+        .map(|(label, picture, silhouette)| SeenBody {
+            label,
+            picture,
+            silhouette,
+        })
+        .collect();
+    Some(residual_sheet(&views, &seen, views.len()))
+}
+
+fn posed(fit: &Fit, pose: &Pose, turn: TurnAngle) -> Vec<DVec3> {
+    let bones = pose_bones(&fit.avatar.bone_heads, pose, turn);
+    bones.skin(&fit.avatar.mesh.positions, &fit.avatar.weights)
+}
+
+fn turned(positions: &[DVec3], turn: TurnAngle) -> Vec<DVec3> {
+    let room_from_world = turn.room_from_world();
+    positions.iter().map(|&p| room_from_world * p).collect()
+}

@@ -1,0 +1,546 @@
+//! Result folders: masks, pictures, bodies, measurements, and what was found along the way.
+//!
+//! Keys are stable, lengths in mm or in px of the photo as given, angles in degrees. An existing folder is
+//! replaced only file by file.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+
+use glam::DVec2;
+use pirouette_geom::Mask;
+use pirouette_segment::border::sharpen;
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+use thiserror::Error;
+
+use crate::formats::mesh::{BodyMesh, MeshFormat};
+use crate::formats::photo::{encode_jpeg, encode_mask, resample_mask, shrink};
+use crate::report::json::measurements_json;
+use crate::report::page::{Page, PageView, write_page};
+use crate::report::pictures::{DrawnBody, draw_contact_sheet, draw_overlay, draw_residuals};
+use crate::report::tape_sheet;
+use crate::scan_folder::LoadedScan;
+use crate::sink::{WriteError, make_folder, write_whole};
+use crate::warning::Warning;
+use pirouette::normalize::{JointPositions, LimbRefinement, Registration};
+use pirouette::pipeline::{Goal, Method, Report, ViewReport};
+use pirouette::scan::{Photo, View};
+use pirouette::sizes::{Chart, advise_person};
+use pirouette::skeleton_fit::{Bundle, Scale};
+use pirouette_body::ReferencePose;
+use pirouette_body::{Bone, Joint};
+
+/// Why results could not be written
+#[derive(Debug, Error)]
+pub enum ResultError {
+    /// No room, or not allowed
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// A picture that the encoder refuses
+    #[error("cannot make {}: {source}", file.display())]
+    Picture {
+        /// The file
+        file: PathBuf,
+        /// What the encoder says
+        source: image::ImageError,
+    },
+    /// A photo that the encoder refuses
+    #[error("cannot make {}: {source}", file.display())]
+    Jpeg {
+        /// The file
+        file: PathBuf,
+        /// What the encoder says
+        source: jpeg_encoder::EncodingError,
+    },
+}
+
+/// Quality of the pictures, 1 to 100
+const JPEG_QUALITY: u8 = 88;
+
+/// Longer side of the overlays on the page, in px: with it, a page of eight views has about 2 MB
+const PAGE_OVERLAY_PX: usize = 900;
+
+/// What a result folder holds besides what is always there
+#[derive(Debug, Clone, Copy)]
+pub struct ResultOptions<'a> {
+    /// Formats of the body
+    pub formats: &'a [MeshFormat],
+    /// Title of `report.html`; without one, the page is not written
+    pub page_title: Option<&'a str>,
+    /// Size charts; see [`pirouette::sizes`]
+    pub charts: &'a [Chart],
+}
+
+/// Writes all that a report holds into a result folder
+///
+/// # Errors
+/// When the folder cannot be written; files that were written before stay, none is partial.
+pub fn write_results(
+    folder: &Path,
+    loaded: &LoadedScan,
+    load_seconds: f64,
+    report: &Report,
+    options: &ResultOptions,
+) -> Result<(), ResultError> {
+    make_folder(folder)?;
+    let with_page = options.page_title.is_some();
+    let sheet = |name: &str, draw: &(dyn Fn() -> Option<Photo> + Sync)| {
+        let file = folder.join(name);
+        let Some(picture) = draw() else {
+            return Ok(None);
+        };
+        let jpeg = as_jpeg(&file, &picture)?;
+        write_whole(&file, &jpeg)?;
+        Ok::<_, ResultError>(Some(jpeg))
+    };
+    let some_views = !report.views.is_empty();
+    let write_views = || {
+        let views = report.views.par_iter();
+        let write = |view| write_view(folder, loaded, report, view, with_page);
+        views.map(write).collect::<Result<Vec<_>, _>>()
+    };
+    let pictures = |body: Option<&DrawnBody>| {
+        let contact = || some_views.then(|| draw_contact_sheet(loaded, report, body));
+        let residuals = || {
+            some_views
+                .then(|| draw_residuals(loaded, report, body))
+                .flatten()
+        };
+        let tapes = || {
+            let (body, measurements) = (body?, report.measurements.as_ref()?);
+            Some(tape_sheet(&body.surface, &body.mesh, measurements))
+        };
+        // The largest ones one after the other: each takes its memory.
+        let large = || {
+            let contact = sheet("contact.jpg", &contact)?;
+            Ok::<_, ResultError>((contact, sheet("residuals.jpg", &residuals)?))
+        };
+        // Views are many and small: they fill the time that the sheets leave.
+        let small = || (sheet("tapes.jpg", &tapes), write_views());
+        let (large, (tapes, page_overlays)) = rayon::join(large, small);
+        let (contact, residuals) = large?;
+        Ok::<_, ResultError>((contact, residuals, tapes?, page_overlays?))
+    };
+    let (body, written) = rayon::join(
+        || DrawnBody::new(report),
+        || write_bodies(folder, report, options.formats),
+    );
+    written?;
+    let (contact_sheet, residuals, tapes, page_overlays) = pictures(body.as_ref())?;
+    let mut sizes = Vec::new();
+    if let Some(measurements) = &report.measurements {
+        let advice = advise_person(measurements, options.charts);
+        write_json(
+            &folder.join("measurements.json"),
+            &measurements_json(measurements, &advice),
+        )?;
+        if measurements.in_mm() {
+            let advice = advice.into_iter();
+            sizes = advice.map(|a| (a.chart, a.verdict)).collect();
+        }
+    }
+    if let Some(title) = options.page_title {
+        let overlays = page_overlays.into_iter().flatten().collect();
+        let page = Page {
+            tapes,
+            sizes,
+            residuals,
+            ..page(title, loaded, load_seconds, report, contact_sheet, overlays)
+        };
+        write_whole(&folder.join("report.html"), write_page(&page).as_bytes())?;
+    }
+    // Last, so that a result.json stands for a whole result.
+    let result = result_value(loaded, load_seconds, report);
+    write_json(&folder.join("result.json"), &result)
+}
+
+/// Writes the body, and the hull where there is one, in each format
+fn write_bodies(folder: &Path, report: &Report, formats: &[MeshFormat]) -> Result<(), ResultError> {
+    // What was fitted has bones and colors.
+    let body = report.body.as_ref().map(|mesh| match &report.fit {
+        Some(fit) => BodyMesh {
+            colors: report.colors.as_ref().map(|colors| &colors.srgb[..]),
+            ..BodyMesh::from(&fit.avatar)
+        },
+        None => BodyMesh::from(mesh),
+    });
+    let hull = report.hull.as_ref().map(BodyMesh::from);
+    for (name, body) in [("body", body), ("hull", hull)] {
+        if let Some(body) = body {
+            for format in formats {
+                let file = folder.join(format!("{name}.{}", format.extension()));
+                write_whole(&file, &format.write(body))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Writes the folder of one view and hands back its picture for the page
+fn write_view(
+    folder: &Path,
+    loaded: &LoadedScan,
+    report: &Report,
+    found: &ViewReport,
+    with_page: bool,
+) -> Result<Option<Vec<u8>>, ResultError> {
+    let view = &loaded.scan.views[found.index];
+    let folder = folder.join("views").join(&view.name);
+    make_folder(&folder)?;
+    let silhouette = &found.silhouette;
+    let mask = in_input_size(view, &silhouette.mask, |width, height| {
+        let mask = resample_mask(&silhouette.soft.whole(), width, height, 0.5);
+        // What was found in a smaller copy of the photo ends where the photo itself says.
+        let found_here = silhouette.seeds.is_some();
+        let photo = found_here.then(|| loaded.whole_photo(found.index));
+        match photo.flatten() {
+            Some(photo) => sharpen(&photo, &mask),
+            None => mask,
+        }
+    });
+    write_mask(&folder.join("mask.png"), &mask)?;
+    if let Some(normalized) = &found.normalized {
+        let mask = in_input_size(view, &normalized.mask, |width, height| {
+            resample_mask(&normalized.soft(), width, height, 0.5)
+        });
+        write_mask(&folder.join("normalized.png"), &mask)?;
+    }
+    let overlay = draw_overlay(view, report, found);
+    let file = folder.join("overlay.jpg");
+    write_whole(&file, &as_jpeg(&file, &overlay)?)?;
+    let value = view_value(view, report, found);
+    write_json(&folder.join("view.json"), &value)?;
+    let for_page = with_page.then(|| as_jpeg(&file, &shrink(overlay, PAGE_OVERLAY_PX)));
+    for_page.transpose()
+}
+
+fn page<'a>(
+    title: &'a str,
+    loaded: &'a LoadedScan,
+    load_seconds: f64,
+    report: &'a Report,
+    contact_sheet: Option<Vec<u8>>,
+    overlays: Vec<Vec<u8>>,
+) -> Page<'a> {
+    let scan = &loaded.scan;
+    let given_count = scan.views.len() + loaded.failed.len();
+    let mut facts = vec![
+        ("views", format!("{} of {given_count}", report.views.len())),
+        ("method", method_name(report.method).to_owned()),
+        ("pose", pose_name(scan.pose).to_owned()),
+    ];
+    if let Some(stature_mm) = scan.stature_mm {
+        facts.push(("stature as given", format!("{stature_mm:.0} mm")));
+    }
+    let failed = loaded.failed.iter();
+    let failed = failed.map(|f| format!("view {} is left out (load): {}", f.view, f.reason));
+    let warnings = all_warnings(loaded, report).map(|warning| warning.to_string());
+    let views = report.views.iter().zip(overlays);
+    let seconds = report.seconds.iter();
+    Page {
+        title,
+        facts,
+        warnings: failed.chain(warnings).collect(),
+        measurements: report
+            .measurements
+            .iter()
+            .flat_map(|m| m.iter().map(|(measure, measured)| (measure, *measured)))
+            .collect(),
+        sizes: Vec::new(),
+        tapes: None,
+        contact_sheet,
+        residuals: None,
+        views: views
+            .map(|(found, overlay)| PageView {
+                name: &scan.views[found.index].name,
+                turn_degrees: scan.views[found.index].turn.degrees(),
+                overlay,
+            })
+            .collect(),
+        camera: report.bundle.as_ref().and_then(|b| b.cameras.first()),
+        seconds: std::iter::once(("load", load_seconds))
+            .chain(seconds.map(|(stage, time)| (stage.name(), *time)))
+            .collect(),
+    }
+}
+
+/// What was decided without being asked while loading and after
+fn all_warnings(loaded: &LoadedScan, report: &Report) -> impl Iterator<Item = Warning> {
+    let of_scan = loaded.warnings.iter().cloned().map(Warning::Scan);
+    of_scan.chain(report.warnings.iter().cloned().map(Warning::Job))
+}
+
+/// A silhouette at the size of the photo as given; where this is not the working size, it is `scaled`
+fn in_input_size<'a>(
+    view: &View,
+    mask: &'a Mask,
+    scaled: impl FnOnce(usize, usize) -> Mask,
+) -> Cow<'a, Mask> {
+    let (width, height) = view.input_size_px;
+    if (mask.width(), mask.height()) == (width, height) {
+        Cow::Borrowed(mask)
+    } else {
+        Cow::Owned(scaled(width, height))
+    }
+}
+
+fn write_mask(file: &Path, mask: &Mask) -> Result<(), ResultError> {
+    let png = encode_mask(mask).map_err(|source| ResultError::Picture {
+        file: file.to_owned(),
+        source,
+    })?;
+    Ok(write_whole(file, &png)?)
+}
+
+fn as_jpeg(file: &Path, picture: &Photo) -> Result<Vec<u8>, ResultError> {
+    encode_jpeg(picture, JPEG_QUALITY).map_err(|source| ResultError::Jpeg {
+        file: file.to_owned(),
+        source,
+    })
+}
+
+fn write_json(file: &Path, value: &Value) -> Result<(), ResultError> {
+    Ok(write_whole(file, format!("{value:#}\n").as_bytes())?)
+}
+
+/// What result.json holds
+pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> Value {
+    let scan = &loaded.scan;
+    let mut views: Vec<Value> = scan
+        .views
+        .iter()
+        .enumerate()
+        .map(|(index, view)| {
+            let dropped = report.dropped.iter().find(|d| d.index == index);
+            let failure = dropped.map(|d| (d.stage.name(), d.reason.to_string()));
+            view_entry(&view.name, view.turn.degrees(), failure)
+        })
+        .collect();
+    views.extend(loaded.failed.iter().map(|failed| {
+        let failure = Some(("load", failed.reason.to_string()));
+        view_entry(&failed.view, failed.turn.degrees(), failure)
+    }));
+    let warnings: Vec<Value> = all_warnings(loaded, report)
+        .map(|warning| {
+            let mut entry = json!({ "code": warning.code(), "message": warning.to_string() });
+            if let Some(view) = warning.view() {
+                entry["view"] = json!(view);
+            }
+            entry
+        })
+        .collect();
+    let mut seconds = Map::from_iter([("load".to_owned(), rounded(load_seconds, 3))]);
+    for (stage, time) in &report.seconds {
+        seconds.insert(stage.name().to_owned(), rounded(*time, 3));
+    }
+    let mut value = json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "goal": goal_name(report.goal),
+        "method": method_name(report.method),
+        "pose": pose_name(scan.pose),
+        "stature_mm": scan.stature_mm,
+        "views": views,
+        "warnings": warnings,
+        "seconds": seconds,
+    });
+    if let Some(bundle) = &report.bundle {
+        value["camera"] = camera_value(bundle);
+        value["skeleton"] = skeleton_value(bundle, &loaded.scan.views);
+    }
+    if let Some(fit) = &report.fit {
+        value["fit"] = json!({
+            "residual_px": rounded(fit.residual_px, 3),
+            "silhouette_iou": fit.mean_iou().map(|iou| rounded(iou, 4)),
+        });
+        if let Some(start) = &report.start {
+            value["fit"]["start"] = json!({
+                "sex": start.sex.name(), "mass_kg": rounded(start.mass_kg, 1),
+            });
+        }
+    }
+    value
+}
+
+fn view_entry(name: &str, angle_deg: f64, failure: Option<(&str, String)>) -> Value {
+    let angle = rounded(angle_deg, 3);
+    match failure {
+        None => json!({ "name": name, "angle_deg": angle, "status": "ok" }),
+        Some((stage, reason)) => json!({
+            "name": name, "angle_deg": angle, "status": "failed", "stage": stage, "reason": reason,
+        }),
+    }
+}
+
+/// Name of a method on the command line and in files
+pub fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::Fit => "fit",
+        Method::ThreeStep => "three-step",
+    }
+}
+
+fn pose_name(pose: ReferencePose) -> &'static str {
+    match pose {
+        ReferencePose::A => "a",
+        ReferencePose::T => "t",
+    }
+}
+
+/// Name of a goal on the command line and in files
+pub fn goal_name(goal: Goal) -> &'static str {
+    match goal {
+        Goal::Segment => "segment",
+        Goal::Normalize => "normalize",
+        Goal::Reconstruct => "reconstruct",
+        Goal::Measure => "measure",
+    }
+}
+
+fn camera_value(bundle: &Bundle) -> Value {
+    let Some(camera) = bundle.cameras.first() else {
+        return Value::Null;
+    };
+    json!({
+        "vertical_fov_deg": rounded(camera.vertical_fov_radians.to_degrees(), 3),
+        "height_mm": rounded(camera.height_mm, 1),
+        "distance_mm": rounded(camera.distance_mm, 1),
+        "pitch_deg": rounded(camera.pitch_radians.to_degrees(), 3),
+    })
+}
+
+fn skeleton_value(bundle: &Bundle, views: &[View]) -> Value {
+    let scales = Scale::ALL
+        .iter()
+        .map(|&scale| {
+            let factor = bundle.scales.factor(scale);
+            (scale.name().to_owned(), rounded(factor, 4))
+        })
+        .collect::<Map<_, _>>();
+    let mended = bundle
+        .swaps
+        .iter()
+        .map(|(view, limb)| json!({ "view": views[*view].name, "swapped_back": limb.name() }));
+    let outliers = bundle.outliers.iter().map(|outlier| {
+        json!({
+            "view": views[outlier.view].name,
+            "joint": outlier.joint.name(),
+            "off_px": rounded(outlier.residual_px, 1),
+        })
+    });
+    json!({
+        "rms_px": rounded(bundle.rms_px, 2),
+        "bone_scales": scales,
+        "turns": {
+            "reversed": bundle.turn_correction.reversed,
+            "offset_deg": rounded(bundle.turn_correction.offset.degrees(), 2),
+        },
+        "mended": mended.collect::<Vec<_>>(),
+        "outliers": outliers.collect::<Vec<_>>(),
+    })
+}
+
+fn view_value(view: &View, report: &Report, found: &ViewReport) -> Value {
+    let (width, height) = view.input_size_px;
+    // Everything inside is in px of the photo that was worked on.
+    let scale = DVec2::new(
+        width as f64 / view.photo.width() as f64,
+        height as f64 / view.photo.height() as f64,
+    );
+    let detected = Joint::ALL.iter().filter_map(|&joint| {
+        let keypoint = view.keypoints.found(joint)?;
+        let p = keypoint.position * scale;
+        let confidence = rounded(keypoint.confidence, 3);
+        let entry = json!([rounded(p.x, 2), rounded(p.y, 2), confidence]);
+        Some((joint.name().to_owned(), entry))
+    });
+    let mut value = json!({
+        "name": view.name,
+        "angle_deg": rounded(view.turn.degrees(), 3),
+        "width_px": width,
+        "height_px": height,
+        "mask_given": view.mask.is_some(),
+        "silhouette_from_avatar": found.silhouette.prior_used,
+        "joints_px": { "detected": detected.collect::<Map<_, _>>() },
+    });
+    if let Some(normalized) = &found.normalized {
+        let steps = [
+            ("aligned", &normalized.joints.aligned),
+            ("registered", &normalized.joints.registered),
+            ("refined", &normalized.joints.refined),
+        ];
+        for (step, joints) in steps {
+            value["joints_px"][step] = joints_value(joints, scale);
+        }
+        value["registration"] = normalized
+            .registration
+            .as_ref()
+            .map_or(Value::Null, |found| registration_value(found, scale));
+        let limbs = normalized
+            .limbs
+            .iter()
+            .map(|limb| (limb.limb.name().to_owned(), limb_value(limb, scale)));
+        value["limbs"] = Value::Object(limbs.collect());
+        value["reference_iou"] = rounded(normalized.reference_iou, 4);
+    }
+    let fitted = report.fit.as_ref().and_then(|fit| {
+        let place = report.views.iter().position(|v| v.index == found.index)?;
+        Some((fit.poses.get(place)?, fit.silhouette_ious.get(place)?))
+    });
+    if let Some((_, iou)) = fitted {
+        value["fit_iou"] = rounded(*iou, 4);
+    }
+    let by_keypoints = || report.bundle.as_ref()?.poses.get(found.index);
+    if let Some(pose) = fitted.map(|(pose, _)| pose).or_else(by_keypoints) {
+        let rotations = Bone::ALL
+            .iter()
+            .map(|&bone| {
+                let degrees = pose.rotations[bone as usize].to_array();
+                let degrees = degrees.map(|r| rounded(r.to_degrees(), 2));
+                (bone.name().to_owned(), json!(degrees))
+            })
+            .collect::<Map<_, _>>();
+        value["pose"] = json!({
+            "rotations_deg": rotations,
+            "shift_mm": pose.shift_mm.to_array().map(|v| rounded(v, 1)),
+        });
+    }
+    value
+}
+
+fn joints_value(joints: &JointPositions, scale: DVec2) -> Value {
+    let entries = Joint::ALL.iter().filter_map(|&joint| {
+        let p = joints[joint as usize]? * scale;
+        let entry = json!([rounded(p.x, 2), rounded(p.y, 2)]);
+        Some((joint.name().to_owned(), entry))
+    });
+    Value::Object(entries.collect())
+}
+
+/// The rigid motion onto the reference, and the mean distance of the contours before and after
+fn registration_value(found: &Registration, scale: DVec2) -> Value {
+    let shift = found.translation_px * scale;
+    let center = found.center * scale;
+    json!({
+        "rotation_deg": rounded(found.rotation_radians.to_degrees(), 3),
+        "center_px": [rounded(center.x, 2), rounded(center.y, 2)],
+        "translation_px": [rounded(shift.x, 2), rounded(shift.y, 2)],
+        "error_before_px": rounded(found.mean_distance_before_px * scale.y, 3),
+        "error_after_px": rounded(found.mean_distance_after_px * scale.y, 3),
+    })
+}
+
+/// The angles of a limb's chain, and the mean distance of its contour before and after
+fn limb_value(limb: &LimbRefinement, scale: DVec2) -> Value {
+    json!({
+        "upper_deg": rounded(limb.upper_radians.to_degrees(), 2),
+        "lower_deg": rounded(limb.lower_radians.to_degrees(), 2),
+        "error_before_px": rounded(limb.mean_distance_before_px * scale.y, 3),
+        "error_after_px": rounded(limb.mean_distance_after_px * scale.y, 3),
+    })
+}
+
+/// A number with so many digits after the point; what is not finite is null
+fn rounded(value: f64, digits: i32) -> Value {
+    let unit = 10f64.powi(digits);
+    json!((value * unit).round() / unit)
+}

@@ -1,0 +1,400 @@
+//! Scan folders: a manifest or bare photos, their keypoints and given masks.
+//!
+//! A view that cannot be used never takes the others down: it is handed back with its reason. Only what
+//! concerns the whole folder (an unreadable manifest, a path that leaves the folder) is an error.
+
+mod problem;
+mod view;
+mod write;
+
+use std::cmp::Ordering;
+use std::fs;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+
+use crate::formats::manifest;
+use crate::formats::manifest::{Manifest, ManifestView};
+use crate::formats::photo::decode_photo;
+use pirouette::scan::{CameraSetup, Photo, Scan, StatureFrom, View};
+use pirouette_body::TurnAngle;
+use view::{LoadedView, keypoint_places, load_view};
+
+pub use problem::{ScanError, ScanWarning, ViewError};
+pub use write::{WriteScanError, keypoint_file, write_scan};
+
+/// How a scan folder is loaded
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LoadOptions {
+    /// Longer side that larger photos are shrunk to, in px
+    ///
+    /// Time and memory grow with its square; at 1600 px a pixel shows about 1.2 mm of a person.
+    pub max_side_px: usize,
+    /// Whether views with another shape of the photo than most are left out
+    ///
+    /// A camera that was turned or cropped is another camera: such views agree with the others in
+    /// silhouettes at best.
+    pub one_shape: bool,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self {
+            max_side_px: 1600,
+            one_shape: true,
+        }
+    }
+}
+
+/// Photos of one shape agree in width over height within this share; scaling rounds to whole pixels
+const SHAPE_TOLERANCE: f64 = 0.01;
+
+/// Longest keypoint file or manifest that is read, in bytes
+const MAX_JSON_BYTES: u64 = 64 << 20;
+
+/// Fields of view of one camera agree within this share; more is another zoom
+const MAX_FOV_SPREAD: f64 = 0.03;
+
+/// Endings of photo files in a folder without a manifest, in lower case
+const PHOTO_ENDINGS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
+
+/// Ends of the names of images that are no photos: masks, OpenPose's own pictures
+const NO_PHOTO_ENDS: [&str; 2] = ["_mask", "_rendered"];
+
+/// Stem of an image that is no photo: the contact sheet, where results went into the scan folder
+const NO_PHOTO_STEM: &str = "contact";
+
+/// What was found in a scan folder
+#[derive(Debug)]
+pub struct LoadedScan {
+    /// The views that can be used
+    pub scan: Scan,
+    /// The views that cannot
+    pub failed: Vec<FailedView>,
+    /// What was decided without being asked
+    pub warnings: Vec<ScanWarning>,
+    /// The photo file of each view that can be used
+    files: Vec<PathBuf>,
+}
+
+impl LoadedScan {
+    /// Reads the photo of a view again at the size that it was given at; `None` when it is not there as before
+    pub fn whole_photo(&self, view: usize) -> Option<Photo> {
+        let (file, view) = (self.files.get(view)?, self.scan.views.get(view)?);
+        let bytes = read_plain(file, view::MAX_PHOTO_BYTES).ok()?;
+        let photo = decode_photo(&bytes).ok()?.photo;
+        let size = (photo.width(), photo.height());
+        (size == view.input_size_px).then_some(photo)
+    }
+}
+
+/// A view that could not be loaded
+#[derive(Debug)]
+pub struct FailedView {
+    /// Stem of the photo's file name
+    pub view: String,
+    /// How far the person has turned in it
+    pub turn: TurnAngle,
+    /// Why
+    pub reason: ViewError,
+}
+
+/// Loads a scan folder
+///
+/// Without a manifest, or without `views` in it, the photos are taken in the order of their names, where
+/// numbers count as numbers (`2.jpg` before `10.jpg`).
+///
+/// # Errors
+/// When the folder or its manifest cannot be read, a path leaves the folder, or there are no photos.
+pub fn load_scan(folder: &Path, options: &LoadOptions) -> Result<LoadedScan, ScanError> {
+    if !folder.is_dir() {
+        return Err(ScanError::NotAFolder {
+            path: folder.to_owned(),
+        });
+    }
+    let folder = Folder {
+        path: folder,
+        canonical: folder.canonicalize().map_err(|source| ScanError::Read {
+            path: folder.to_owned(),
+            source,
+        })?,
+    };
+    let manifest = read_manifest(&folder)?;
+    let mut warnings = Vec::new();
+    let entries = match manifest.views {
+        Some(views) => views,
+        None => find_photos(&folder, &mut warnings)?,
+    };
+    folder.check_links(&entries)?;
+
+    let missing_count = entries.iter().filter(|e| e.angle_deg.is_none()).count();
+    if missing_count > 0 && missing_count < entries.len() {
+        warnings.push(ScanWarning::AnglesMissing { missing_count });
+    }
+    let turn = |index: usize| {
+        let even = 360.0 * index as f64 / entries.len() as f64;
+        TurnAngle::from_degrees(entries[index].angle_deg.unwrap_or(even))
+    };
+
+    let mut loaded: Vec<_> = entries
+        .par_iter()
+        .map(|entry| load_view(&folder, entry, options.max_side_px))
+        .collect();
+    if options.one_shape {
+        refuse_other_shapes(&mut loaded);
+    }
+    let (mut views, mut failed, mut fields_of_view) = (Vec::new(), Vec::new(), Vec::new());
+    let mut files = Vec::new();
+    for (index, (entry, result)) in entries.iter().zip(loaded).enumerate() {
+        let name = manifest::stem(&entry.image);
+        let turn = turn(index);
+        match result {
+            Ok(loaded) => {
+                if loaded.people_count > 1 {
+                    warnings.push(ScanWarning::SeveralPeople {
+                        view: name.clone(),
+                        people_count: loaded.people_count,
+                    });
+                }
+                fields_of_view.extend(loaded.vertical_fov_radians);
+                files.push(folder.file(&entry.image));
+                views.push(View {
+                    name,
+                    photo: loaded.photo,
+                    input_size_px: loaded.input_size_px,
+                    turn,
+                    keypoints: loaded.keypoints,
+                    mask: loaded.mask,
+                });
+            }
+            Err(reason) => failed.push(FailedView {
+                view: name,
+                turn,
+                reason,
+            }),
+        }
+    }
+    let camera = CameraSetup {
+        vertical_fov_radians: manifest
+            .camera
+            .vertical_fov_radians
+            .or_else(|| common_field_of_view(&mut fields_of_view, &mut warnings)),
+        ..manifest.camera
+    };
+    Ok(LoadedScan {
+        scan: Scan {
+            pose: manifest.pose,
+            stature_mm: manifest.stature_mm,
+            stature_from: StatureFrom::default(),
+            mm_per_px: manifest.mm_per_px,
+            subject: manifest.subject,
+            camera,
+            views,
+        },
+        failed,
+        warnings,
+        files,
+    })
+}
+
+/// A scan folder that nothing may lead out of
+struct Folder<'a> {
+    path: &'a Path,
+    canonical: PathBuf,
+}
+
+impl Folder<'_> {
+    fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    fn contains(&self, file: &Path) -> bool {
+        // What does not exist leads nowhere; reading it then fails.
+        file.canonicalize()
+            .map_or(true, |canonical| canonical.starts_with(&self.canonical))
+    }
+
+    fn check_link(&self, name: &str) -> Result<(), ScanError> {
+        let path = self.file(name);
+        if self.contains(&path) {
+            Ok(())
+        } else {
+            Err(ScanError::LinkLeaves { path })
+        }
+    }
+
+    fn check_links(&self, entries: &[ManifestView]) -> Result<(), ScanError> {
+        for entry in entries {
+            self.check_link(&entry.image)?;
+            for name in entry.keypoints.iter().chain(&entry.mask) {
+                self.check_link(name)?;
+            }
+            for name in keypoint_places(&entry.image) {
+                self.check_link(&name)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn read(&self, name: &str, limit: u64) -> io::Result<Vec<u8>> {
+        read_plain(&self.file(name), limit)
+    }
+}
+
+/// The content of a plain file of at most `limit` bytes
+fn read_plain(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    // A pipe would block, a device never end.
+    if !fs::metadata(path)?.is_file() {
+        return Err(io::Error::other("not a plain file"));
+    }
+    let mut bytes = Vec::new();
+    fs::File::open(path)?
+        .take(limit + 1)
+        .read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit {
+        return Err(io::Error::from(io::ErrorKind::FileTooLarge));
+    }
+    Ok(bytes)
+}
+
+fn read_manifest(folder: &Folder) -> Result<Manifest, ScanError> {
+    let path = folder.file(manifest::FILE_NAME);
+    if !path.exists() {
+        return Ok(Manifest::default());
+    }
+    folder.check_link(manifest::FILE_NAME)?;
+    match folder.read(manifest::FILE_NAME, MAX_JSON_BYTES) {
+        Ok(json) => {
+            manifest::parse_manifest(&json).map_err(|source| ScanError::Manifest { path, source })
+        }
+        Err(source) => Err(ScanError::Read { path, source }),
+    }
+}
+
+/// The photos of a folder without a manifest
+fn find_photos(
+    folder: &Folder,
+    warnings: &mut Vec<ScanWarning>,
+) -> Result<Vec<ManifestView>, ScanError> {
+    let read = |source| ScanError::Read {
+        path: folder.path.to_owned(),
+        source,
+    };
+    let mut files: Vec<String> = Vec::new();
+    for entry in fs::read_dir(folder.path).map_err(read)? {
+        // Names that are no text cannot be named in results either.
+        let Ok(name) = entry.map_err(read)?.file_name().into_string() else {
+            continue;
+        };
+        let ending = Path::new(&name).extension();
+        let ending = ending.map(|e| e.to_string_lossy().to_lowercase());
+        let photo = ending.is_some_and(|e| PHOTO_ENDINGS.contains(&e.as_str()));
+        if !photo || name.starts_with('.') || !folder.file(&name).is_file() {
+            continue;
+        }
+        files.push(name);
+    }
+    files.sort_by(|a, b| natural_order(a, b));
+    let (ignored, photos): (Vec<_>, Vec<_>) = files.into_iter().partition(|name| {
+        let stem = manifest::stem(name);
+        stem == NO_PHOTO_STEM || NO_PHOTO_ENDS.iter().any(|end| stem.ends_with(end))
+    });
+    for file in ignored {
+        warnings.push(ScanWarning::ImageIgnored { file });
+    }
+    if photos.is_empty() {
+        return Err(ScanError::NoPhotos {
+            folder: folder.path.to_owned(),
+        });
+    }
+    for pair in photos.windows(2) {
+        if manifest::stem(&pair[0]) == manifest::stem(&pair[1]) {
+            return Err(ScanError::SameName {
+                first: pair[0].clone(),
+                second: pair[1].clone(),
+            });
+        }
+    }
+    let view = |image| ManifestView {
+        image,
+        keypoints: None,
+        angle_deg: None,
+        mask: None,
+    };
+    Ok(photos.into_iter().map(view).collect())
+}
+
+/// Compares names so that runs of digits count as numbers; `2.jpg` comes before `10.jpg`
+///
+/// Stems go first, so that files of one stem are neighbors.
+fn natural_order(a: &str, b: &str) -> Ordering {
+    let key = |name: &str| (pieces(&manifest::stem(name)), name.to_owned());
+    key(a).cmp(&key(b))
+}
+
+/// A name as runs of digits and other characters; a number compares by its length without zeros, then its digits
+fn pieces(name: &str) -> Vec<(bool, usize, String)> {
+    let mut pieces: Vec<(bool, usize, String)> = Vec::new();
+    for c in name.chars() {
+        let other = !c.is_ascii_digit();
+        match pieces.last_mut() {
+            Some((last_other, _, text)) if *last_other == other => text.push(c),
+            _ => pieces.push((other, 0, c.to_string())),
+        }
+    }
+    for (other, length, text) in &mut pieces {
+        if !*other {
+            let digits = text.trim_start_matches('0');
+            *length = digits.len();
+            *text = digits.to_owned();
+        }
+    }
+    // Only zeros tell `1` from `01`; the whole name then decides.
+    pieces
+}
+
+/// Leaves out the views whose photos have another shape than most; of equally many, the first counts
+fn refuse_other_shapes(loaded: &mut [Result<LoadedView, ViewError>]) {
+    let sizes: Vec<(usize, usize)> = loaded.iter().flatten().map(|v| v.input_size_px).collect();
+    let alike = |a: (usize, usize), b: (usize, usize)| {
+        let shape = |(width, height): (usize, usize)| width as f64 / height as f64;
+        (shape(a) / shape(b) - 1.0).abs() <= SHAPE_TOLERANCE
+    };
+    let votes = |size: (usize, usize)| sizes.iter().filter(|&&other| alike(size, other)).count();
+    // The last of equal maxima wins, so the order is turned around.
+    let Some(&common) = sizes.iter().rev().max_by_key(|&&size| votes(size)) else {
+        return;
+    };
+    for view in loaded {
+        if let Ok(found) = view
+            && !alike(found.input_size_px, common)
+        {
+            *view = Err(ViewError::OtherShape {
+                width_px: found.input_size_px.0,
+                height_px: found.input_size_px.1,
+                common_width_px: common.0,
+                common_height_px: common.1,
+            });
+        }
+    }
+}
+
+/// The median field of view that the photos' EXIF tells
+fn common_field_of_view(
+    fields_of_view: &mut [f64],
+    warnings: &mut Vec<ScanWarning>,
+) -> Option<f64> {
+    fields_of_view.sort_by(f64::total_cmp);
+    let (smallest, largest) = (*fields_of_view.first()?, *fields_of_view.last()?);
+    if largest > smallest * (1.0 + MAX_FOV_SPREAD) {
+        warnings.push(ScanWarning::FieldsOfViewDiffer {
+            smallest_deg: smallest.to_degrees(),
+            largest_deg: largest.to_degrees(),
+        });
+    }
+    Some(fields_of_view[fields_of_view.len() / 2])
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,121 @@
+//! What can be wrong with a scan folder: errors of the whole, of one view, and warnings.
+
+use std::io;
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use crate::formats::manifest::ManifestError;
+use crate::formats::openpose::KeypointsError;
+use crate::formats::photo::PhotoError;
+
+/// Why a whole scan cannot be loaded
+#[derive(Debug, Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum ScanError {
+    #[error(
+        "{} is no folder; a scan is a folder of photos with keypoint files", path.display()
+    )]
+    NotAFolder { path: PathBuf },
+    #[error("cannot read {}: {source}", path.display())]
+    Read { path: PathBuf, source: io::Error },
+    #[error("{}: {source}", path.display())]
+    Manifest {
+        path: PathBuf,
+        source: ManifestError,
+    },
+    #[error("{} leads out of the scan folder; copy the file into it", path.display())]
+    LinkLeaves { path: PathBuf },
+    #[error(
+        "no photos in {}; they end in .jpg, .jpeg, .png or .webp", folder.display()
+    )]
+    NoPhotos { folder: PathBuf },
+    #[error("{first} and {second} have the same name; rename one of them")]
+    SameName { first: String, second: String },
+}
+
+/// Why one view cannot be used
+#[derive(Debug, Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum ViewError {
+    #[error("cannot read {file}: {source}")]
+    Read { file: String, source: io::Error },
+    #[error("there is no {file} in the scan folder; add it, or mend its name in scan.json")]
+    Missing { file: String },
+    #[error("{file}: {source}")]
+    Photo { file: String, source: PhotoError },
+    #[error("{file}: {source}")]
+    Keypoints {
+        file: String,
+        source: KeypointsError,
+    },
+    #[error(
+        "no keypoints: there is no {file} beside the photo or in keypoints/ (OpenPose JSON, BODY_25)"
+    )]
+    NoKeypointFile { file: String },
+    #[error(
+        "no keypoints: {file} holds nobody; detect again in a clearer photo, or give a mask in scan.json"
+    )]
+    Nobody { file: String },
+    #[error(
+        "{file} has {mask_width} x {mask_height} px, but the photo {photo_width} x {photo_height} px"
+    )]
+    MaskSize {
+        file: String,
+        mask_width: usize,
+        mask_height: usize,
+        photo_width: usize,
+        photo_height: usize,
+    },
+    #[error("{file} is empty: no pixel is person")]
+    EmptyMask { file: String },
+    #[error(
+        "the photo has {width_px} x {height_px} px, another shape than the {common_width_px} x {common_height_px} px of most; all photos of a scan come from one camera, held one way"
+    )]
+    OtherShape {
+        width_px: usize,
+        height_px: usize,
+        common_width_px: usize,
+        common_height_px: usize,
+    },
+}
+
+/// A decision that was taken without being asked
+#[derive(Debug, Clone, PartialEq, Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum ScanWarning {
+    #[error(
+        "{people_count} people in the keypoint file; took the surest one near the middle of the photo"
+    )]
+    SeveralPeople { view: String, people_count: usize },
+    #[error(
+        "{missing_count} views have no angle_deg; took their place in an even turn, which only fits if all views are evenly spread"
+    )]
+    AnglesMissing { missing_count: usize },
+    #[error(
+        "the photos were taken with different zoom ({smallest_deg:.1} to {largest_deg:.1} degrees by EXIF); took the median"
+    )]
+    FieldsOfViewDiffer { smallest_deg: f64, largest_deg: f64 },
+    #[error("{file} was not taken as a photo; name it in scan.json to use it")]
+    ImageIgnored { file: String },
+}
+
+impl ScanWarning {
+    /// The view that it is about, if it is about one
+    pub fn view(&self) -> Option<&str> {
+        match self {
+            ScanWarning::SeveralPeople { view, .. } => Some(view),
+            _ => None,
+        }
+    }
+
+    /// Stable name for programs
+    pub fn code(&self) -> &'static str {
+        match self {
+            ScanWarning::SeveralPeople { .. } => "several_people",
+            ScanWarning::AnglesMissing { .. } => "angles_missing",
+            ScanWarning::FieldsOfViewDiffer { .. } => "fields_of_view_differ",
+            ScanWarning::ImageIgnored { .. } => "image_ignored",
+        }
+    }
+}

@@ -1,0 +1,297 @@
+use pirouette_geom::Mask;
+
+use super::*;
+use crate::formats::photo;
+use pirouette::scan::{Photo, Subject};
+use pirouette_body::Sex;
+use pirouette_body::{Joint, Keypoints};
+
+struct TestFolder(tempfile::TempDir);
+
+impl TestFolder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> &Self {
+        let path = self.0.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+        self
+    }
+
+    fn photo(&self, name: &str, width: usize, height: usize) -> &Self {
+        let photo = Photo::from_fn(width, height, |x, y| [x as u8, y as u8, 7]);
+        self.write(name, photo::encode_photo_png(&photo).unwrap())
+    }
+
+    fn keypoints(&self, name: &str) -> &Self {
+        self.write(name, keypoint_file(&[0.5]))
+    }
+
+    fn load(&self) -> Result<LoadedScan, ScanError> {
+        load_scan(self.0.path(), &LoadOptions::default())
+    }
+}
+
+fn keypoint_file(confidences: &[f64]) -> String {
+    let person = |confidence: &f64| {
+        let joints: Vec<String> = (0..25)
+            .map(|j| format!("{},{j},{confidence}", 10 + j))
+            .collect();
+        format!("{{\"pose_keypoints_2d\":[{}]}}", joints.join(","))
+    };
+    let people: Vec<String> = confidences.iter().map(person).collect();
+    format!("{{\"people\":[{}]}}", people.join(","))
+}
+
+#[test]
+fn a_bare_folder_is_an_even_turn_in_name_order() {
+    let folder = TestFolder::new();
+    folder
+        .photo("10.png", 40, 50)
+        .photo("2.png", 40, 50)
+        .photo("1.png", 40, 50);
+    folder
+        .photo("2_mask.png", 40, 50)
+        .photo("contact.jpg", 90, 50);
+    folder.photo("11.png", 40, 50).write("notes.txt", "");
+    folder
+        .keypoints("1_keypoints.json")
+        .keypoints("keypoints/2_keypoints.json");
+    folder
+        .keypoints("10_keypoints.json")
+        .keypoints("11_keypoints.json");
+    let loaded = folder.load().unwrap();
+    let views = &loaded.scan.views;
+    let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
+    assert_eq!(names, ["1", "2", "10", "11"]);
+    assert!((views[3].turn.degrees() - 270.0).abs() < 1e-9);
+    assert!(loaded.failed.is_empty());
+    let ignored =
+        ["2_mask.png", "contact.jpg"].map(|file| ScanWarning::ImageIgnored { file: file.into() });
+    assert_eq!(loaded.warnings, ignored);
+}
+
+#[test]
+fn a_failing_view_is_named_and_keeps_its_angle() {
+    let folder = TestFolder::new();
+    for name in ["0", "1", "2", "3", "4", "5"] {
+        folder.photo(&format!("{name}.png"), 40, 50);
+        folder.keypoints(&format!("{name}_keypoints.json"));
+    }
+    folder.photo("1.png", 1, 1);
+    folder.write("2_keypoints.json", keypoint_file(&[]));
+    folder.write("3_keypoints.json", keypoint_file(&[f64::NAN]));
+    fs::remove_file(folder.0.path().join("4_keypoints.json")).unwrap();
+    let loaded = folder.load().unwrap();
+    assert_eq!(loaded.scan.views.len(), 2);
+    assert!((loaded.scan.views[1].turn.degrees() - 300.0).abs() < 1e-9);
+    let reasons: Vec<String> = loaded.failed.iter().map(|f| f.reason.to_string()).collect();
+    assert!(reasons[0].contains("1 x 1 px"), "{reasons:?}");
+    assert!(reasons[1].contains("holds nobody"), "{reasons:?}");
+    assert!(reasons[2].contains("NaN"), "{reasons:?}");
+    assert!(reasons[3].contains("4_keypoints.json"), "{reasons:?}");
+    assert!((loaded.failed[3].turn.degrees() - 240.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_given_mask_needs_no_keypoints_but_the_size_of_the_photo() {
+    let folder = TestFolder::new();
+    let mask = |width: usize| photo::encode_mask(&Mask::filled(width, 50, true)).unwrap();
+    folder
+        .photo("0.png", 40, 50)
+        .photo("1.png", 40, 50)
+        .photo("2.png", 40, 50);
+    folder
+        .write("0_mask.png", mask(40))
+        .write("1_mask.png", mask(41));
+    folder.write(
+        "2_mask.png",
+        photo::encode_mask(&Mask::filled(40, 50, false)).unwrap(),
+    );
+    folder.write(
+        "scan.json",
+        r#"{ "views": [ { "image": "0.png", "mask": "0_mask.png" },
+                        { "image": "1.png", "mask": "1_mask.png" },
+                        { "image": "2.png", "mask": "2_mask.png" } ] }"#,
+    );
+    let loaded = folder.load().unwrap();
+    let mask = loaded.scan.views[0].mask.as_ref().unwrap();
+    assert_eq!(mask.area(), 2000);
+    assert!(matches!(
+        loaded.failed[0].reason,
+        ViewError::MaskSize { .. }
+    ));
+    assert!(matches!(
+        loaded.failed[1].reason,
+        ViewError::EmptyMask { .. }
+    ));
+}
+
+#[test]
+fn large_photos_are_shrunk_with_their_keypoints() {
+    let folder = TestFolder::new();
+    folder.photo("0.png", 80, 100).keypoints("0_keypoints.json");
+    let small = LoadOptions {
+        max_side_px: 50,
+        ..LoadOptions::default()
+    };
+    let loaded = load_scan(folder.0.path(), &small).unwrap();
+    let view = &loaded.scan.views[0];
+    assert_eq!((view.photo.width(), view.photo.height()), (40, 50));
+    assert_eq!(view.input_size_px, (80, 100));
+    let nose = view.keypoints.get(Joint::Nose).position;
+    assert!((nose.x - 5.0).abs() < 1e-9);
+    // The whole photo can be had while its file is as it was.
+    let whole = loaded.whole_photo(0).unwrap();
+    assert_eq!((whole.width(), whole.height()), (80, 100));
+    assert_eq!(whole[(3, 60)], [3, 60, 7]);
+    assert!(loaded.whole_photo(1).is_none());
+    folder.photo("0.png", 81, 100);
+    assert!(loaded.whole_photo(0).is_none());
+    folder.write("0.png", "gone");
+    assert!(loaded.whole_photo(0).is_none());
+}
+
+#[test]
+fn photos_of_another_shape_are_left_out_unless_they_stand_alone() {
+    let folder = TestFolder::new();
+    for (name, width, height) in [("0", 50, 40), ("1", 40, 50), ("2", 80, 100)] {
+        folder.photo(&format!("{name}.png"), width, height);
+        folder.keypoints(&format!("{name}_keypoints.json"));
+    }
+    let loaded = folder.load().unwrap();
+    assert_eq!(loaded.failed[0].view, "0");
+    assert!(matches!(
+        loaded.failed[0].reason,
+        ViewError::OtherShape { .. }
+    ));
+    let each = LoadOptions {
+        one_shape: false,
+        ..LoadOptions::default()
+    };
+    let loaded = load_scan(folder.0.path(), &each).unwrap();
+    assert_eq!(loaded.scan.views.len(), 3);
+}
+
+#[test]
+fn several_people_are_told() {
+    let folder = TestFolder::new();
+    folder
+        .photo("0.png", 40, 50)
+        .write("0_keypoints.json", keypoint_file(&[0.3, 0.9]));
+    let loaded = folder.load().unwrap();
+    assert_eq!(loaded.warnings[0].code(), "several_people");
+    let nose = loaded.scan.views[0].keypoints.get(Joint::Nose);
+    assert!((nose.confidence - 0.9).abs() < 1e-12);
+}
+
+#[test]
+fn errors_of_the_whole_folder_say_where() {
+    let folder = TestFolder::new();
+    assert!(matches!(folder.load(), Err(ScanError::NoPhotos { .. })));
+    let nowhere = load_scan(&folder.0.path().join("nowhere"), &LoadOptions::default());
+    assert!(matches!(nowhere, Err(ScanError::NotAFolder { .. })));
+    folder.photo("0.png", 40, 50).photo("0.jpg", 40, 50);
+    assert!(matches!(folder.load(), Err(ScanError::SameName { .. })));
+    folder.write("scan.json", r#"{ "view": [] }"#);
+    let message = folder.load().unwrap_err().to_string();
+    assert!(
+        message.contains("scan.json") && message.contains("`view`"),
+        "{message}"
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn links_may_not_lead_out() {
+    let outside = TestFolder::new();
+    outside.photo("secret.png", 40, 50).keypoints("secret.json");
+    let folder = TestFolder::new();
+    folder
+        .photo("real.png", 40, 50)
+        .keypoints("real_keypoints.json");
+    let link = |from: &str, to: &Path| {
+        std::os::unix::fs::symlink(to, folder.0.path().join(from)).unwrap();
+    };
+    link("inside.png", &folder.0.path().join("real.png"));
+    link(
+        "inside_keypoints.json",
+        &folder.0.path().join("real_keypoints.json"),
+    );
+    assert_eq!(folder.load().unwrap().scan.views.len(), 2);
+    link("zero.png", &outside.0.path().join("secret.png"));
+    assert!(matches!(folder.load(), Err(ScanError::LinkLeaves { .. })));
+    fs::remove_file(folder.0.path().join("zero.png")).unwrap();
+    fs::remove_file(folder.0.path().join("real_keypoints.json")).unwrap();
+    link("real_keypoints.json", &outside.0.path().join("secret.json"));
+    assert!(matches!(folder.load(), Err(ScanError::LinkLeaves { .. })));
+}
+
+#[test]
+fn numbers_in_names_count_as_numbers() {
+    let mut names = vec!["b1", "a10", "a2", "a02", "a", "10", "9", "x1y2", "x1y10"];
+    names.sort_by(|a, b| natural_order(a, b));
+    assert_eq!(
+        names,
+        ["9", "10", "a", "a02", "a2", "a10", "b1", "x1y2", "x1y10"]
+    );
+}
+
+#[test]
+fn a_written_scan_is_read_back() {
+    let mut keypoints = Keypoints::default();
+    for (index, joint) in Joint::ALL.into_iter().enumerate() {
+        keypoints.set(
+            joint,
+            pirouette_body::Keypoint {
+                position: glam::DVec2::new(10.5 + index as f64, 20.25),
+                confidence: 0.75,
+            },
+        );
+    }
+    let view = View {
+        name: "left".into(),
+        photo: Photo::from_fn(40, 50, |x, y| [4 * x as u8, 4 * y as u8, 7]),
+        input_size_px: (40, 50),
+        turn: TurnAngle::from_degrees(30.0),
+        keypoints,
+        mask: Some(Mask::from_vec(
+            40,
+            50,
+            (0..2000).map(|i| i % 3 == 0).collect(),
+        )),
+    };
+    let scan = Scan {
+        pose: pirouette_body::ReferencePose::T,
+        stature_mm: Some(1700.0),
+        stature_from: StatureFrom::default(),
+        mm_per_px: None,
+        subject: Subject {
+            sex: Some(Sex::Female),
+            mass_kg: Some(61.5),
+            age_years: Some(30.0),
+        },
+        camera: CameraSetup {
+            vertical_fov_radians: Some(0.75),
+            pitch_radians: Some(0.125),
+            ..CameraSetup::default()
+        },
+        views: vec![view],
+    };
+    let folder = TestFolder::new();
+    write_scan(folder.0.path(), &scan).unwrap();
+    let read = folder.load().unwrap().scan;
+    assert_eq!(read.pose, scan.pose);
+    assert_eq!(read.stature_mm, scan.stature_mm);
+    assert_eq!(read.subject, scan.subject);
+    let fov = read.camera.vertical_fov_radians.unwrap();
+    assert!((fov - 0.75).abs() < 1e-12);
+    assert_eq!(read.camera.height_mm, None);
+    let (before, after) = (&scan.views[0], &read.views[0]);
+    assert_eq!(after.keypoints, before.keypoints);
+    assert_eq!(after.mask, before.mask);
+    assert_eq!(after.name, before.name);
+    assert!((after.turn.degrees() - 30.0).abs() < 1e-9);
+}

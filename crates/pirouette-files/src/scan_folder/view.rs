@@ -1,0 +1,158 @@
+//! One view: its photo, keypoints and mask.
+
+use std::io;
+use std::path::Path;
+
+use pirouette_geom::Mask;
+
+use super::{Folder, MAX_JSON_BYTES, ViewError};
+use crate::formats::manifest;
+use crate::formats::manifest::ManifestView;
+use crate::formats::{openpose, photo};
+use pirouette::scan::Photo;
+use pirouette_body::Keypoints;
+
+/// Longest photo file that is read, in bytes
+pub(super) const MAX_PHOTO_BYTES: u64 = 512 << 20;
+
+/// What the files of one view hold
+pub(super) struct LoadedView {
+    pub(super) photo: Photo,
+    pub(super) input_size_px: (usize, usize),
+    pub(super) keypoints: Keypoints,
+    pub(super) people_count: usize,
+    pub(super) mask: Option<Mask>,
+    pub(super) vertical_fov_radians: Option<f64>,
+}
+
+/// Reads the files of one view, and shrinks what is larger than the method needs
+pub(super) fn load_view(
+    folder: &Folder,
+    entry: &ManifestView,
+    max_side_px: usize,
+) -> Result<LoadedView, ViewError> {
+    let image = &entry.image;
+    let bytes = read_file(folder, image, MAX_PHOTO_BYTES)?;
+    let in_photo = |source| ViewError::Photo {
+        file: image.clone(),
+        source,
+    };
+    let decoded = photo::decode_photo(&bytes).map_err(in_photo)?;
+    drop(bytes);
+    let (width, height) = (decoded.photo.width(), decoded.photo.height());
+    let mask = entry.mask.as_ref();
+    let mask = mask.map(|file| load_mask(folder, file, width, height));
+    let mask = mask.transpose()?;
+    let (mut keypoints, people_count) = load_keypoints(folder, entry, width, height)?;
+    let photo = photo::shrink(decoded.photo, max_side_px);
+    if mask.is_none() {
+        photo::check_contrast(&photo).map_err(in_photo)?;
+    }
+    let (shrunk_width, shrunk_height) = (photo.width(), photo.height());
+    let scale = glam::DVec2::new(
+        shrunk_width as f64 / width as f64,
+        shrunk_height as f64 / height as f64,
+    );
+    keypoints = scale_keypoints(&keypoints, scale);
+    let mask = mask.map(|mask| {
+        let soft = mask.map(|&inside| if inside { 1.0 } else { 0.0 });
+        photo::resample_mask(&soft, shrunk_width, shrunk_height, 0.5)
+    });
+    Ok(LoadedView {
+        photo,
+        input_size_px: (width, height),
+        keypoints,
+        people_count,
+        mask,
+        vertical_fov_radians: decoded.vertical_fov_radians,
+    })
+}
+
+fn read_file(folder: &Folder, file: &str, limit: u64) -> Result<Vec<u8>, ViewError> {
+    folder.read(file, limit).map_err(|source| {
+        let file = file.to_owned();
+        match source.kind() {
+            io::ErrorKind::NotFound => ViewError::Missing { file },
+            _ => ViewError::Read { file, source },
+        }
+    })
+}
+
+fn load_mask(
+    folder: &Folder,
+    file: &str,
+    photo_width: usize,
+    photo_height: usize,
+) -> Result<Mask, ViewError> {
+    let bytes = read_file(folder, file, MAX_PHOTO_BYTES)?;
+    let mask = photo::decode_mask(&bytes).map_err(|source| ViewError::Photo {
+        file: file.to_owned(),
+        source,
+    })?;
+    if (mask.width(), mask.height()) != (photo_width, photo_height) {
+        return Err(ViewError::MaskSize {
+            file: file.to_owned(),
+            mask_width: mask.width(),
+            mask_height: mask.height(),
+            photo_width,
+            photo_height,
+        });
+    }
+    if mask.area() == 0 {
+        return Err(ViewError::EmptyMask {
+            file: file.to_owned(),
+        });
+    }
+    Ok(mask)
+}
+
+/// Where the keypoints of a photo are looked for
+pub(super) fn keypoint_places(image: &str) -> [String; 2] {
+    let file = format!("{}_keypoints.json", manifest::stem(image));
+    let beside = Path::new(image).with_file_name(&file);
+    [
+        beside.to_string_lossy().into_owned(),
+        format!("keypoints/{file}"),
+    ]
+}
+
+/// The person's keypoints and the number of people; with a given mask a view may do without
+fn load_keypoints(
+    folder: &Folder,
+    entry: &ManifestView,
+    width_px: usize,
+    height_px: usize,
+) -> Result<(Keypoints, usize), ViewError> {
+    let places = keypoint_places(&entry.image);
+    let file = match &entry.keypoints {
+        Some(file) => Some(file),
+        None => places.iter().find(|place| folder.file(place).exists()),
+    };
+    let Some(file) = file else {
+        let [file, _] = places;
+        return match entry.mask {
+            Some(_) => Ok((Keypoints::default(), 0)),
+            None => Err(ViewError::NoKeypointFile { file }),
+        };
+    };
+    let json = read_file(folder, file, MAX_JSON_BYTES)?;
+    let detection = openpose::parse_keypoints(&json, width_px, height_px).map_err(|source| {
+        ViewError::Keypoints {
+            file: file.clone(),
+            source,
+        }
+    })?;
+    if detection.keypoints.found_count() == 0 && entry.mask.is_none() {
+        return Err(ViewError::Nobody { file: file.clone() });
+    }
+    Ok((detection.keypoints, detection.people_count))
+}
+
+fn scale_keypoints(keypoints: &Keypoints, scale: glam::DVec2) -> Keypoints {
+    let mut scaled = Keypoints::default();
+    for (joint, mut keypoint) in keypoints.iter() {
+        keypoint.position *= scale;
+        scaled.set(joint, keypoint);
+    }
+    scaled
+}

@@ -1,0 +1,139 @@
+//! Writing scan folders, as demonstrations and tests need them.
+
+use std::path::Path;
+
+use serde_json::json;
+use thiserror::Error;
+
+use crate::formats::{manifest, photo};
+use crate::sink::{WriteError, make_folder, write_whole};
+use pirouette::scan::{Scan, View};
+use pirouette_body::Keypoints;
+use pirouette_body::ReferencePose;
+use pirouette_body::Sex;
+
+/// Quality of written photos; as cameras write them
+const JPEG_QUALITY: u8 = 92;
+
+/// Why a scan folder could not be written
+#[derive(Debug, Error)]
+pub enum WriteScanError {
+    /// No room, or not allowed
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// JPEG files have 1 to 65535 pixels per side
+    #[error("the photo of view {view} cannot be a JPEG file: {source}")]
+    Photo {
+        /// The view
+        view: String,
+        /// What the encoder says
+        source: jpeg_encoder::EncodingError,
+    },
+    /// PNG files need a pixel
+    #[error("the mask of view {view} cannot be a PNG file: {source}")]
+    Mask {
+        /// The view
+        view: String,
+        /// What the encoder says
+        source: image::ImageError,
+    },
+}
+
+/// Writes photos as JPEG, keypoints as OpenPose JSON, given masks as PNG, and the manifest
+///
+/// # Errors
+/// When the folder cannot be written.
+pub fn write_scan(folder: &Path, scan: &Scan) -> Result<(), WriteScanError> {
+    make_folder(folder)?;
+    for view in &scan.views {
+        write_view(folder, view)?;
+    }
+    let manifest = format!("{:#}\n", manifest_of(scan));
+    write_whole(&folder.join(manifest::FILE_NAME), manifest.as_bytes())?;
+    Ok(())
+}
+
+fn write_view(folder: &Path, view: &View) -> Result<(), WriteScanError> {
+    let name = &view.name;
+    let jpeg =
+        photo::encode_jpeg(&view.photo, JPEG_QUALITY).map_err(|source| WriteScanError::Photo {
+            view: name.clone(),
+            source,
+        })?;
+    write_whole(&folder.join(format!("{name}.jpg")), &jpeg)?;
+    let keypoints = keypoint_file(&view.keypoints).to_string();
+    let file = folder.join(format!("{name}_keypoints.json"));
+    write_whole(&file, keypoints.as_bytes())?;
+    if let Some(mask) = &view.mask {
+        let png = photo::encode_mask(mask).map_err(|source| WriteScanError::Mask {
+            view: name.clone(),
+            source,
+        })?;
+        write_whole(&folder.join(format!("{name}_mask.png")), &png)?;
+    }
+    Ok(())
+}
+
+/// One person as OpenPose JSON 1.3
+pub fn keypoint_file(keypoints: &Keypoints) -> serde_json::Value {
+    let rounded = |value: f64, digits: f64| (value * digits).round() / digits;
+    let numbers: Vec<f64> = keypoints
+        .iter()
+        .flat_map(|(_, keypoint)| {
+            [
+                rounded(keypoint.position.x, 1e3),
+                rounded(keypoint.position.y, 1e3),
+                rounded(keypoint.confidence, 1e6),
+            ]
+        })
+        .collect();
+    json!({ "version": 1.3, "people": [{ "person_id": [-1], "pose_keypoints_2d": numbers }] })
+}
+
+fn manifest_of(scan: &Scan) -> serde_json::Value {
+    let mut file = json!({
+        "pose": match scan.pose { ReferencePose::A => "a", ReferencePose::T => "t" },
+    });
+    let subject = [
+        ("stature_mm", scan.stature_mm),
+        ("mass_kg", scan.subject.mass_kg),
+        ("age_years", scan.subject.age_years),
+    ];
+    for (key, value) in subject {
+        if let Some(value) = value {
+            file["subject"][key] = json!(value);
+        }
+    }
+    if let Some(sex) = scan.subject.sex.filter(|sex| *sex != Sex::Neutral) {
+        file["subject"]["sex"] = json!(sex.name());
+    }
+    let camera = [
+        (
+            "vertical_fov_deg",
+            scan.camera.vertical_fov_radians.map(f64::to_degrees),
+        ),
+        ("height_mm", scan.camera.height_mm),
+        ("distance_mm", scan.camera.distance_mm),
+        ("pitch_deg", scan.camera.pitch_radians.map(f64::to_degrees)),
+        ("mm_per_px", scan.mm_per_px),
+    ];
+    for (key, value) in camera {
+        if let Some(value) = value {
+            file["camera"][key] = json!(value);
+        }
+    }
+    let views = scan.views.iter().map(|view| {
+        let name = &view.name;
+        let mut entry = json!({
+            "image": format!("{name}.jpg"),
+            "keypoints": format!("{name}_keypoints.json"),
+            "angle_deg": view.turn.degrees(),
+        });
+        if view.mask.is_some() {
+            entry["mask"] = json!(format!("{name}_mask.png"));
+        }
+        entry
+    });
+    file["views"] = views.collect();
+    file
+}

@@ -1,0 +1,357 @@
+//! Rendered people with known truth: a figure that turns and sways in a lived-in room, as photos with
+//! noisy keypoints.
+//!
+//! For demonstration, tests and studies. The renderer is honest where it matters for silhouettes (exact
+//! coverage at the outline, perspective, sensor noise), and simple elsewhere (one light, no cast shadows but
+//! the one around the feet). The figure's shape comes from an [`Avatar`], so it is only as human as that.
+
+pub mod people;
+mod person;
+mod random;
+mod room;
+mod sway;
+
+pub use random::Random;
+pub use room::Clutter;
+
+use glam::{DMat3, DVec2, DVec3};
+use pirouette_geom::{Grid, Mask, TriMesh};
+use rayon::prelude::*;
+
+use pirouette::scan::{CameraSetup, Photo, Scan, StatureFrom, Subject, View};
+use pirouette_body::Camera;
+use pirouette_body::TurnAngle;
+use pirouette_body::{Avatar, render};
+use pirouette_body::{Bone, Joint, Keypoint, Keypoints};
+use pirouette_body::{Pose, PosedBones, pose_bones};
+
+/// How a person is photographed
+#[derive(Debug, Clone, PartialEq)]
+pub struct SyntheticOptions {
+    /// Equal seeds give equal scans
+    pub seed: u64,
+    /// Turn angle of each view
+    pub turns: Vec<TurnAngle>,
+    /// The camera; the person stands at its turning axis
+    pub camera: Camera,
+    /// Sway relative to that of people who try to stand still; 0 stands still
+    pub sway: f64,
+    /// Standard deviation of visible keypoints, in px at a stature of 800 px; hidden ones have three times as much
+    pub keypoint_noise_px: f64,
+    /// Standard deviation of the true turn from the one that the scan tells, in radians
+    pub turn_noise_radians: f64,
+    /// Standard deviation of the sensor noise, in gray levels
+    pub sensor_noise: f64,
+    /// What stands around
+    pub clutter: Clutter,
+    /// Whether photos are painted; else they are blank, and the exact silhouettes are given as masks
+    pub photos: bool,
+}
+
+impl SyntheticOptions {
+    /// Views evenly over one turn
+    pub fn even_turns(view_count: usize) -> Vec<TurnAngle> {
+        (0..view_count)
+            .map(|i| TurnAngle::from_degrees(360.0 * i as f64 / view_count as f64))
+            .collect()
+    }
+
+    /// A camera that sees a person of the given stature with some air around
+    pub fn camera_for(stature_mm: f64, width_px: usize, height_px: usize) -> Camera {
+        let vertical_fov_radians = 50_f64.to_radians();
+        let aspect = (width_px as f64 / height_px as f64).min(0.8);
+        // the arms of an A-pose span about 0.75 statures
+        let seen = (stature_mm * 1.2).max(stature_mm * 0.95 / aspect);
+        Camera {
+            width_px,
+            height_px,
+            vertical_fov_radians,
+            height_mm: stature_mm * 0.52,
+            distance_mm: seen / (2.0 * (vertical_fov_radians / 2.0).tan()) + 0.1 * stature_mm,
+            pitch_radians: 0.0,
+        }
+    }
+}
+
+/// A scan with what is true about it
+#[derive(Debug, Clone)]
+pub struct SyntheticScan {
+    /// What a user would have: photos, keypoints, angles, camera height and field of view, stature
+    pub scan: Scan,
+    /// What nobody would know
+    pub truth: Truth,
+}
+
+/// What is true about a rendered person
+#[derive(Debug, Clone)]
+pub struct Truth {
+    /// The body in the reference pose, world frame, mm
+    pub body: TriMesh,
+    /// The camera
+    pub camera: Camera,
+    /// The pose in each view, after the turn that the scan tells
+    pub poses: Vec<Pose>,
+    /// The silhouette as photographed, of each view
+    pub silhouettes: Vec<Mask>,
+    /// The silhouette of the person standing still in the reference pose, of each view
+    pub canonical: Vec<Mask>,
+}
+
+/// Photographs an avatar that turns and sways
+pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan {
+    let camera = options.camera;
+    let painted = options.photos.then(|| {
+        let look = person::Look::new(avatar, options.seed);
+        let background = room::Room::new(options.seed, options.clutter).render(&camera);
+        (look, background)
+    });
+    let views: Vec<_> = options
+        .turns
+        .par_iter()
+        .enumerate()
+        .map(|(index, &turn)| {
+            let seed = options.seed ^ (index as u64 + 1).wrapping_mul(0x5851_f42d_4c95_7f2d);
+            let mut random = Random::new(seed);
+            let stance = &mut Random::new(!seed);
+            let turned_more = options.turn_noise_radians * stance.normal();
+            let mut pose = sway::sway(turned_more, options.sway, &mut random);
+            let off_mm = sway::off_balance_mm(options.sway, stance);
+            sway::stand(avatar, turn, off_mm, &mut pose);
+            let posed = pose_bones(&avatar.bone_heads, &pose, turn);
+            let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+            let coverage = render::silhouette(&positions, &avatar.mesh.triangles, &camera);
+            let photo = match &painted {
+                Some((look, background)) => {
+                    let light = look.paint(background, &positions, &camera);
+                    expose(&light, options.sensor_noise, &mut random)
+                }
+                None => Photo::filled(camera.width_px, camera.height_px, [0; 3]),
+            };
+            let keypoints = detect(
+                avatar,
+                &posed,
+                &camera,
+                options.keypoint_noise_px,
+                &mut random,
+            );
+            let still: Vec<DVec3> = {
+                let bones = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
+                bones.skin(&avatar.mesh.positions, &avatar.weights)
+            };
+            let canonical =
+                render::silhouette(&still, &avatar.mesh.triangles, &camera).threshold(0.5);
+            let silhouette = coverage.threshold(0.5);
+            let view = View {
+                name: format!("{index:03}"),
+                input_size_px: (camera.width_px, camera.height_px),
+                photo,
+                turn,
+                keypoints,
+                mask: painted.is_none().then(|| silhouette.clone()),
+            };
+            (view, pose, silhouette, canonical)
+        })
+        .collect();
+    let mut truth = Truth {
+        body: avatar.mesh.clone(),
+        camera,
+        poses: Vec::new(),
+        silhouettes: Vec::new(),
+        canonical: Vec::new(),
+    };
+    let mut scan = Scan {
+        pose: avatar.pose,
+        stature_mm: Some(avatar.stature_mm()),
+        stature_from: StatureFrom::Stated,
+        mm_per_px: None,
+        subject: Subject::default(),
+        camera: CameraSetup {
+            vertical_fov_radians: Some(camera.vertical_fov_radians),
+            height_mm: Some(camera.height_mm),
+            distance_mm: None,
+            pitch_radians: (camera.pitch_radians != 0.0).then_some(camera.pitch_radians),
+        },
+        views: Vec::new(),
+    };
+    for (view, pose, silhouette, canonical) in views {
+        scan.views.push(view);
+        truth.poses.push(pose);
+        truth.silhouettes.push(silhouette);
+        truth.canonical.push(canonical);
+    }
+    SyntheticScan { scan, truth }
+}
+
+/// Keypoints as a detector would report them: noisy, less sure of what is hidden
+fn detect(
+    avatar: &Avatar,
+    posed: &PosedBones,
+    camera: &Camera,
+    noise_px: f64,
+    random: &mut Random,
+) -> Keypoints {
+    let visible = render::visible_bones(avatar, posed, camera);
+    let scale = camera.focal_px() * avatar.stature_mm() / camera.distance_mm / 800.0;
+    let mut points = [Keypoint::default(); Joint::COUNT];
+    for joint in Joint::ALL {
+        let place = posed.carry(joint.bone(), avatar.keypoints[joint as usize]);
+        let seen = visible[joint.bone() as usize] && !faces_away(joint, posed);
+        let sigma = noise_px * scale * if seen { 1.0 } else { 3.0 };
+        let confidence = if seen {
+            random.between(0.72, 0.95)
+        } else {
+            random.between(0.35, 0.65)
+        };
+        points[joint as usize] = Keypoint {
+            position: camera.project(place) + DVec2::new(random.normal(), random.normal()) * sigma,
+            confidence,
+        };
+    }
+    for (middle, a, b) in [
+        (Joint::Neck, Joint::LeftShoulder, Joint::RightShoulder),
+        (Joint::MidHip, Joint::LeftHip, Joint::RightHip),
+    ] {
+        let (a, b) = (points[a as usize], points[b as usize]);
+        points[middle as usize] = Keypoint {
+            position: (a.position + b.position) / 2.0,
+            confidence: a.confidence.min(b.confidence),
+        };
+    }
+    Keypoints::new(points)
+}
+
+/// Whether a point of the face lies on the far side of the head
+fn faces_away(joint: Joint, posed: &PosedBones) -> bool {
+    let outward = match joint {
+        Joint::Nose | Joint::LeftEye | Joint::RightEye => DVec3::Z,
+        Joint::LeftEar => DVec3::X,
+        Joint::RightEar => DVec3::NEG_X,
+        _ => return false,
+    };
+    let head: DMat3 = posed.transforms[Bone::Head as usize].matrix3;
+    (head * outward).z < -0.1
+}
+
+/// Turns light into 8-bit pixels with sensor noise
+fn expose(light: &Grid<[f32; 3]>, noise: f64, random: &mut Random) -> Photo {
+    light.map(|c| {
+        c.map(|v| {
+            let level = 255.0 * f64::from(v).clamp(0.0, 1.0).powf(1.0 / 2.2);
+            (level + noise * random.normal()).round().clamp(0.0, 255.0) as u8
+        })
+    })
+}
+
+/// An avatar whose arms and legs stand a little otherwise, as no two people take the same pose
+pub fn with_posture(avatar: &Avatar, rotations: &[(Bone, DVec3)]) -> Avatar {
+    let mut pose = Pose::default();
+    for &(bone, rotation) in rotations {
+        pose.rotations[bone as usize] = rotation;
+    }
+    let posed = pose_bones(&avatar.bone_heads, &pose, TurnAngle::default());
+    let mut moved = avatar.clone();
+    moved.mesh.positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+    moved.bone_heads = std::array::from_fn(|b| posed.head(Bone::ALL[b]));
+    moved.keypoints =
+        std::array::from_fn(|j| posed.carry(Joint::ALL[j].bone(), avatar.keypoints[j]));
+    let low = moved.mesh.bounds().map_or(0.0, |(low, _)| low.y);
+    let lift = DVec3::new(0.0, -low, 0.0);
+    for point in moved
+        .mesh
+        .positions
+        .iter_mut()
+        .chain(&mut moved.bone_heads)
+        .chain(&mut moved.keypoints)
+    {
+        *point += lift;
+    }
+    moved
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pirouette_body::mannequin::{MannequinParameters, mannequin};
+
+    fn small_scan(sway: f64) -> (Avatar, SyntheticScan) {
+        let avatar = mannequin(&MannequinParameters::default()).unwrap();
+        let options = SyntheticOptions {
+            seed: 5,
+            turns: SyntheticOptions::even_turns(3),
+            camera: SyntheticOptions::camera_for(avatar.stature_mm(), 120, 150),
+            sway,
+            keypoint_noise_px: 0.0,
+            turn_noise_radians: 0.0,
+            sensor_noise: 0.0,
+            clutter: Clutter::LivedIn,
+            photos: true,
+        };
+        let scan = synthesize(&avatar, &options);
+        (avatar, scan)
+    }
+
+    #[test]
+    fn who_stands_still_shows_the_canonical_silhouettes_and_exact_keypoints() {
+        let (avatar, synthetic) = small_scan(0.0);
+        let truth = &synthetic.truth;
+        for (silhouette, canonical) in truth.silhouettes.iter().zip(&truth.canonical) {
+            assert!(silhouette.iou(canonical) > 0.999);
+        }
+        let wrist = synthetic.scan.views[0].keypoints.get(Joint::LeftWrist);
+        let expected = truth
+            .camera
+            .project(avatar.keypoints[Joint::LeftWrist as usize]);
+        assert!((wrist.position - expected).length() < 0.5);
+    }
+
+    #[test]
+    fn without_photos_the_exact_silhouettes_are_given() {
+        let avatar = mannequin(&MannequinParameters::default()).unwrap();
+        let options = SyntheticOptions {
+            seed: 5,
+            turns: SyntheticOptions::even_turns(3),
+            camera: SyntheticOptions::camera_for(avatar.stature_mm(), 120, 150),
+            sway: 0.0,
+            keypoint_noise_px: 0.0,
+            turn_noise_radians: 0.2,
+            sensor_noise: 0.0,
+            clutter: Clutter::Plain,
+            photos: false,
+        };
+        let synthetic = synthesize(&avatar, &options);
+        let views = synthetic.scan.views.iter();
+        for (view, silhouette) in views.zip(&synthetic.truth.silhouettes) {
+            assert_eq!(view.mask.as_ref(), Some(silhouette));
+        }
+        let turned: Vec<f64> = synthetic
+            .truth
+            .poses
+            .iter()
+            .map(|pose| pose.rotations[Bone::Root as usize].y)
+            .collect();
+        assert!(turned.iter().any(|angle| angle.abs() > 0.02), "{turned:?}");
+    }
+
+    #[test]
+    fn the_room_stays_while_the_person_turns_and_sways() {
+        let (_, synthetic) = small_scan(1.0);
+        let [a, b] = [
+            &synthetic.scan.views[0].photo,
+            &synthetic.scan.views[2].photo,
+        ];
+        for y in 0..40 {
+            for x in 0..20 {
+                assert_eq!(a[(x, y)], b[(x, y)], "the wall at ({x}, {y})");
+            }
+        }
+        let [a, b] = [
+            &synthetic.truth.silhouettes[0],
+            &synthetic.truth.silhouettes[2],
+        ];
+        assert!(a.iou(b) < 0.95);
+        // nobody floats
+        let bottom = a.bounding_box().unwrap().3;
+        let still = synthetic.truth.canonical[0].bounding_box().unwrap().3;
+        assert!(bottom.abs_diff(still) <= 2);
+    }
+}

@@ -1,0 +1,179 @@
+//! What the person wears, and how photos of it are composed.
+
+use glam::DVec3;
+use pirouette_geom::Grid;
+
+use super::random::{Random, noise, rough_noise};
+use super::room::{Light, hue};
+use pirouette_body::Camera;
+use pirouette_body::{Avatar, render};
+use pirouette_body::{Bone, Joint};
+
+/// Colors and cloth of one person
+#[derive(Debug, Clone)]
+pub(super) struct Look {
+    seed: u64,
+    mesh: render::SilhouetteMesh,
+    /// Reference position of each vertex, which the renderer interpolates in the place of a color
+    places: Vec<[f32; 3]>,
+    segments: Vec<(Bone, DVec3, DVec3)>,
+    eyes: DVec3,
+    stature_mm: f64,
+    skin: DVec3,
+    hair: DVec3,
+    shirt: DVec3,
+    shorts: DVec3,
+    shoes: DVec3,
+    stripes: bool,
+    sleeve: f64,
+    leg: f64,
+}
+
+impl Look {
+    pub(super) fn new(avatar: &Avatar, seed: u64) -> Self {
+        let random = &mut Random::new(seed ^ 0x00c1_07e5);
+        let tone = random.between(0.25, 1.0);
+        let head = |bone: Bone| avatar.bone_heads[bone as usize];
+        let point = |joint: Joint| avatar.keypoints[joint as usize];
+        let segments = Bone::ALL
+            .iter()
+            .map(|&bone| {
+                let from = head(bone);
+                let to = match bone {
+                    Bone::Root => head(Bone::LowerSpine),
+                    Bone::LowerSpine => head(Bone::UpperSpine),
+                    Bone::UpperSpine => head(Bone::Neck),
+                    Bone::Neck => head(Bone::Head),
+                    Bone::Head => from + DVec3::Y * 0.1 * avatar.stature_mm(),
+                    Bone::LeftHand => from * 2.0 - (head(Bone::LeftForearm) + from) / 2.0,
+                    Bone::RightHand => from * 2.0 - (head(Bone::RightForearm) + from) / 2.0,
+                    Bone::LeftFoot => point(Joint::LeftBigToe),
+                    Bone::RightFoot => point(Joint::RightBigToe),
+                    _ => Bone::ALL
+                        .iter()
+                        .find(|b| b.parent() == Some(bone))
+                        .map_or(from, |&b| head(b)),
+                };
+                (bone, from, to)
+            })
+            .collect();
+        Self {
+            seed,
+            mesh: render::SilhouetteMesh::new(&avatar.mesh.triangles),
+            places: avatar
+                .mesh
+                .positions
+                .iter()
+                .map(|p| p.to_array().map(|v| v as f32))
+                .collect(),
+            segments,
+            eyes: (point(Joint::LeftEye) + point(Joint::RightEye)) / 2.0,
+            stature_mm: avatar.stature_mm(),
+            skin: DVec3::new(0.72, 0.45, 0.33) * (0.25 + 0.75 * tone),
+            hair: DVec3::new(0.12, 0.075, 0.045) * random.between(0.3, 2.5),
+            shirt: hue(random, 0.08, 0.5, 0.9),
+            shorts: hue(random, 0.04, 0.25, 0.6),
+            shoes: hue(random, 0.03, 0.5, 0.3),
+            stripes: random.uniform() < 0.5,
+            sleeve: random.between(0.35, 0.8),
+            leg: random.between(0.4, 0.9),
+        }
+    }
+
+    /// The person in the room: `positions` are the posed vertices
+    pub(super) fn paint(&self, background: &Light, positions: &[DVec3], camera: &Camera) -> Light {
+        let layer = render::shade_layer(
+            &self.mesh,
+            positions,
+            camera,
+            |place| self.albedo(DVec3::from_array(place.map(f64::from))),
+            Some(&self.places),
+        );
+        let feet = self.feet(positions);
+        Grid::from_fn(camera.width_px, camera.height_px, |x, y| {
+            let alpha = layer.coverage[(x, y)];
+            let behind = background[(x, y)];
+            if alpha >= 1.0 {
+                return layer.color[(x, y)];
+            }
+            let shade = self.contact_shadow(x, y, camera, feet);
+            let front = layer.color[(x, y)];
+            std::array::from_fn(|k| behind[k] * shade * (1.0 - alpha) + front[k] * alpha)
+        })
+    }
+
+    /// Middle of the soles on the floor
+    fn feet(&self, positions: &[DVec3]) -> DVec3 {
+        let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+        for p in positions.iter().filter(|p| p.y < 0.03 * self.stature_mm) {
+            sum += *p;
+            count += 1.0;
+        }
+        if count > 0.0 {
+            sum / count
+        } else {
+            DVec3::ZERO
+        }
+    }
+
+    /// How much light the person leaves on the floor around the feet, 0 to 1
+    fn contact_shadow(&self, x: usize, y: usize, camera: &Camera, feet: DVec3) -> f32 {
+        let ray = camera.ray(glam::DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+        if ray.y >= -1e-6 {
+            return 1.0;
+        }
+        let floor = camera.center() - ray * (camera.center().y / ray.y);
+        let away = (floor - feet).length() / (0.16 * self.stature_mm);
+        (1.0 - 0.55 * (-away * away).exp()) as f32
+    }
+
+    /// Color of a point of the reference pose
+    fn albedo(&self, place: DVec3) -> [f32; 3] {
+        let (bone, along) = self.nearest_bone(place);
+        let weave = 0.92 + 0.16 * noise(place / 5.0, self.seed);
+        let folds = 0.85 + 0.3 * rough_noise(place / DVec3::new(60.0, 140.0, 60.0), self.seed ^ 11);
+        let shirt = |stripes: bool| {
+            let dark = stripes && (place.y / 45.0).rem_euclid(2.0) < 1.0;
+            self.shirt * weave * folds * if dark { 0.55 } else { 1.0 }
+        };
+        let skin = self.skin * (0.96 + 0.08 * noise(place / 12.0, self.seed ^ 12));
+        let color = match bone {
+            Bone::LowerSpine | Bone::UpperSpine | Bone::LeftClavicle | Bone::RightClavicle => {
+                shirt(self.stripes)
+            }
+            Bone::LeftUpperArm | Bone::RightUpperArm if along < self.sleeve => shirt(self.stripes),
+            Bone::Root => self.shorts * weave * folds,
+            Bone::LeftThigh | Bone::RightThigh if along < self.leg => self.shorts * weave * folds,
+            Bone::LeftFoot | Bone::RightFoot => self.shoes * weave,
+            Bone::Head => self.face(place, skin),
+            _ => skin,
+        };
+        color.to_array().map(|v| v as f32)
+    }
+
+    fn face(&self, place: DVec3, skin: DVec3) -> DVec3 {
+        let up = (place.y - self.eyes.y) / self.stature_mm;
+        let ahead = (place.z - self.eyes.z) / self.stature_mm;
+        let hairline = 0.035 + 0.004 * noise(place / 15.0, self.seed ^ 13);
+        // hair: above the hairline, and behind the ears down to the nape
+        if up > hairline || (ahead < -0.055 && up > -0.035) {
+            return self.hair
+                * (0.7 + 0.6 * noise(place / DVec3::new(4.0, 40.0, 4.0), self.seed ^ 14));
+        }
+        skin
+    }
+
+    /// The bone nearest to a point of the reference pose, and how far along it the point lies (0 to 1)
+    fn nearest_bone(&self, place: DVec3) -> (Bone, f64) {
+        let mut nearest = (f64::INFINITY, Bone::Root, 0.0);
+        for &(bone, from, to) in &self.segments {
+            let axis = to - from;
+            let along = ((place - from).dot(axis) / axis.length_squared().max(1.0)).clamp(0.0, 1.0);
+            let distance = (place - from - axis * along).length_squared();
+            if distance < nearest.0 {
+                nearest = (distance, bone, along);
+            }
+        }
+        (nearest.1, nearest.2)
+    }
+}

@@ -1,0 +1,117 @@
+//! How people who try to stand still are off their reference pose.
+//!
+//! Joints drift each by itself, but nobody falls: what they move the body's weight by is made good at the ankles.
+
+use glam::{DQuat, DVec2, DVec3};
+use pirouette_geom::TriMesh;
+
+use super::Random;
+use pirouette_body::Avatar;
+use pirouette_body::Bone;
+use pirouette_body::TurnAngle;
+use pirouette_body::{Pose, pose_bones};
+
+/// Part of the prior deviation that people who try to stand still use up in each parameter
+const SWAY_SHARE: f64 = 0.6;
+
+/// Standard deviation of the center of mass from where it is over the feet in the reference pose, along each axis, in mm
+///
+/// Joints that drift without regard to balance move it by 20 mm, in one of 40 views to less than a tenth of the foot's
+/// length from the end of the heel.
+const BALANCE_MM: f64 = 10.0;
+
+/// Beyond so many standard deviations nobody calls it standing still
+const MOST_DEVIATIONS: f64 = 2.0;
+
+fn deviation(random: &mut Random) -> f64 {
+    random.normal().clamp(-MOST_DEVIATIONS, MOST_DEVIATIONS)
+}
+
+/// A random pose near the reference pose, turned farther by some radians
+pub(super) fn sway(turned_more: f64, scale: f64, random: &mut Random) -> Pose {
+    let sigmas = Pose::prior_sigmas();
+    let parameters = std::array::from_fn(|i| deviation(random) * sigmas[i] * scale * SWAY_SHARE);
+    let mut pose = Pose::from_parameters(&parameters);
+    let root = &mut pose.rotations[Bone::Root as usize];
+    *root = (DQuat::from_scaled_axis(*root) * DQuat::from_rotation_y(turned_more)).to_scaled_axis();
+    pose
+}
+
+/// How far the center of mass is off its place over the feet, in mm along x and z of the room
+pub(super) fn off_balance_mm(scale: f64, random: &mut Random) -> DVec2 {
+    DVec2::new(deviation(random), deviation(random)) * BALANCE_MM * scale
+}
+
+/// Leans the whole body so that it stands on its feet, its center of mass that far off, and puts the soles on the floor
+pub(super) fn stand(avatar: &Avatar, turn: TurnAngle, off_mm: DVec2, pose: &mut Pose) {
+    let wanted = above_feet(avatar, turn, &Pose::default()) + DVec3::new(off_mm.x, 0.0, off_mm.y);
+    // The second step mends what the first one's curvature leaves.
+    for _ in 0..2 {
+        let now = above_feet(avatar, turn, pose);
+        let away = wanted - now;
+        let lean = DVec3::new(away.z, 0.0, -away.x) / now.y.max(1.0);
+        let root = &mut pose.rotations[Bone::Root as usize];
+        *root = (DQuat::from_scaled_axis(lean) * DQuat::from_scaled_axis(*root)).to_scaled_axis();
+    }
+    let posed = pose_bones(&avatar.bone_heads, pose, turn);
+    let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+    let lowest = positions.iter().fold(f64::INFINITY, |low, p| low.min(p.y));
+    if lowest.is_finite() {
+        pose.shift_mm.y -= lowest;
+    }
+}
+
+/// The center of mass, from the middle between the ankles, in mm along the axes of the room
+fn above_feet(avatar: &Avatar, turn: TurnAngle, pose: &Pose) -> DVec3 {
+    let posed = pose_bones(&avatar.bone_heads, pose, turn);
+    let body = TriMesh {
+        positions: posed.skin(&avatar.mesh.positions, &avatar.weights),
+        triangles: avatar.mesh.triangles.clone(),
+    };
+    let [left, right] = [Bone::LeftFoot, Bone::RightFoot].map(|foot| posed.head(foot));
+    body.center_of_mass().unwrap_or(left) - (left + right) / 2.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pirouette_body::mannequin::{MannequinParameters, mannequin};
+
+    #[test]
+    fn whoever_sways_keeps_the_balance_and_the_soles_on_the_floor() {
+        let avatar = mannequin(&MannequinParameters::default()).unwrap();
+        let mut fallen_mm = 0.0;
+        for seed in 0..6 {
+            let random = &mut Random::new(seed);
+            let turn = TurnAngle::from_degrees(60.0 * seed as f64);
+            let mut pose = sway(0.05, 1.0, random);
+            let own = above_feet(&avatar, turn, &Pose::default());
+            let off = above_feet(&avatar, turn, &pose) - own;
+            fallen_mm += DVec2::new(off.x, off.z).length() / 6.0;
+            let off_mm = off_balance_mm(1.0, random);
+            stand(&avatar, turn, off_mm, &mut pose);
+            let off = above_feet(&avatar, turn, &pose) - own;
+            assert!((DVec2::new(off.x, off.z) - off_mm).length() < 0.5, "{off}");
+            let posed = pose_bones(&avatar.bone_heads, &pose, turn);
+            let heights = posed.skin(&avatar.mesh.positions, &avatar.weights);
+            let lowest = heights.iter().map(|p| p.y).reduce(f64::min).unwrap();
+            assert!(lowest.abs() < 1e-6);
+        }
+        // Joints alone would not keep it.
+        assert!(fallen_mm > 15.0, "{fallen_mm}");
+    }
+
+    #[test]
+    fn who_does_not_sway_stands_in_the_reference_pose() {
+        let avatar = mannequin(&MannequinParameters::default()).unwrap();
+        let random = &mut Random::new(3);
+        let mut pose = sway(0.0, 0.0, random);
+        let off_mm = off_balance_mm(0.0, random);
+        stand(&avatar, TurnAngle::from_degrees(45.0), off_mm, &mut pose);
+        let most = pose
+            .to_parameters()
+            .iter()
+            .fold(0.0_f64, |m, v| m.max(v.abs()));
+        assert!(most < 1e-9, "{most}");
+    }
+}

@@ -1,0 +1,133 @@
+//! Which vertex of the posed surface explains which point of a photo's outline.
+
+use glam::DVec3;
+use pirouette_geom::Windowed;
+use rayon::prelude::*;
+
+use super::outline::{EdgePoint, PointIndex, SPACING, trace};
+use super::rim::RimMesh;
+use super::{Body, FitView};
+use pirouette_body::{Camera, Projector};
+use pirouette_body::{Pose, pose_bones};
+
+/// Normals agree when the cosine of the angle between them is above this
+///
+/// Else the nearest point jumps from an arm to the trunk.
+const MIN_COSINE: f64 = 0.6;
+
+/// Every so many-th outline point looks for its rim vertex
+const OUTLINE_STRIDE: usize = 2;
+
+/// All rim vertices together weigh as much as outline points this far apart, in nominal px
+///
+/// However fine the mesh is.
+const RIM_SPACING: f64 = 12.0;
+
+/// The outline of one view, ready for the search
+#[derive(Debug, Clone)]
+pub(super) struct Outline {
+    pub(super) points: Vec<EdgePoint>,
+    index: PointIndex,
+    /// Size of a nominal pixel in this photo, in px: see [`super::NOMINAL_STATURE_PX`]
+    unit_px: f64,
+}
+
+impl Outline {
+    /// Traces a soft silhouette in which a nominal pixel is `unit_px` large
+    pub(super) fn new(soft: &Windowed<f32>, unit_px: f64) -> Self {
+        let points = trace(soft, unit_px);
+        Self {
+            index: PointIndex::new(&points, unit_px),
+            points,
+            unit_px,
+        }
+    }
+}
+
+/// A vertex and the outline point that it should be seen at
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Match {
+    pub(super) vertex: u32,
+    pub(super) target: EdgePoint,
+    pub(super) weight: f64,
+}
+
+impl Match {
+    /// How far outside of the outline a room point is seen, in nominal px, and the gradient of that by the point
+    pub(super) fn residual(
+        &self,
+        camera: &Projector,
+        point: DVec3,
+        outline: &Outline,
+    ) -> (f64, DVec3) {
+        let off_px = camera.project(point) - self.target.position;
+        let [gx, gy] = camera.project_gradients(point);
+        let normal = self.target.normal / outline.unit_px;
+        (normal.dot(off_px), gx * normal.x + gy * normal.y)
+    }
+}
+
+/// The matches of all views
+///
+/// `radius` in nominal px.
+pub(super) fn match_views(
+    body: &Body,
+    views: &[FitView],
+    outlines: &[Outline],
+    poses: &[Pose],
+    radius: f64,
+) -> Vec<Vec<Match>> {
+    let views = views.par_iter().zip(outlines).zip(poses);
+    views
+        .map(|((view, outline), pose)| {
+            let posed = pose_bones(&body.bone_heads, pose, view.turn);
+            let positions = posed.skin(&body.positions, body.weights);
+            find_matches(body.rim, &positions, &view.camera, outline, radius)
+        })
+        .collect()
+}
+
+/// Matches both ways: each rim vertex to its outline point, and outline points to their rim vertices
+///
+/// `posed` in the room, in mm; `radius` in nominal px.
+fn find_matches(
+    mesh: &RimMesh,
+    posed: &[DVec3],
+    camera: &Camera,
+    outline: &Outline,
+    radius: f64,
+) -> Vec<Match> {
+    let unit_px = outline.unit_px;
+    let radius_px = radius * unit_px;
+    let rim = mesh.rim(posed, camera, unit_px);
+    let edges: Vec<EdgePoint> = rim.iter().map(|r| r.edge).collect();
+    let length = SPACING * outline.points.len() as f64;
+    let rim_weight = length / RIM_SPACING / rim.len().max(1) as f64;
+    let mut matches: Vec<Match> = rim
+        .iter()
+        .filter_map(|r| {
+            let (_, target) = outline.index.nearest(r.edge, radius_px, MIN_COSINE)?;
+            Some(Match {
+                vertex: r.vertex,
+                target,
+                weight: rim_weight,
+            })
+        })
+        .collect();
+    let index = PointIndex::new(&edges, unit_px);
+    matches.extend(
+        outline
+            .points
+            .iter()
+            .step_by(OUTLINE_STRIDE)
+            .filter_map(|&target| {
+                let (at, _) = index.nearest(target, radius_px, MIN_COSINE)?;
+                Some(Match {
+                    vertex: rim[at].vertex,
+                    target,
+                    weight: 1.0,
+                })
+            }),
+    );
+    matches
+}

@@ -1,0 +1,220 @@
+//! The equations of one view's pose, given the surface: Gauss-Newton on outline and keypoints.
+
+use glam::DVec3;
+
+use super::matches::{Match, Outline};
+use super::shared_step::{SHARED, SharedStep, arm_shares, camera_rates};
+use super::{Body, FitView};
+use pirouette_body::Camera;
+use pirouette_body::{Bone, Joint};
+use pirouette_body::{Motion, Pose, PosedBones, SkinWeight, pose_bones};
+
+/// Unknowns of one pose
+pub(super) const POSE: usize = Pose::PARAMETER_COUNT;
+
+/// Unknowns of one pose, and those that all views share
+pub(super) const ALL: usize = POSE + SHARED;
+
+/// Standard deviation of an outline point, in nominal px
+const OUTLINE_SIGMA: f64 = 2.0;
+
+/// Residuals beyond this many nominal px lose weight: the reciprocal of the fourth power in the end
+const ROBUST: f64 = 6.0;
+
+/// Share of its weight that an outline point keeps: neighbors err together
+const OUTLINE_SHARE: f64 = 0.25;
+
+/// Keypoints farther off than this many standard deviations lose weight
+const KEYPOINT_WIDTH: f64 = 3.0;
+
+/// Steps per round
+pub(super) const STEPS: usize = 2;
+
+/// The bones in a pose of one view, as `shared` reshapes the body
+fn posed_bones(body: &Body, view: &FitView, pose: &Pose, shared: &SharedStep) -> PosedBones {
+    let frame = body.reshape_frame(view.stature_mm);
+    let heads = std::array::from_fn(|b| {
+        let (head, bone) = (body.bone_heads[b], Bone::ALL[b]);
+        let arms = arm_shares(&SkinWeight::rigid(bone));
+        shared.reshaped(head, frame.rates(head, arms))
+    });
+    pose_bones(&heads, pose, view.turn)
+}
+
+/// Normal equations of one pose and what all views share, lower triangle
+pub(super) struct Equations {
+    pub(super) matrix: [[f64; ALL]; ALL],
+    pub(super) right: [f64; ALL],
+}
+
+impl Equations {
+    /// Adds a residual with gradient `row` over the parameters `active`, ascending
+    fn add(&mut self, active: &[usize], row: &[f64; ALL], residual: f64, weight: f64) {
+        for (i, &a) in active.iter().enumerate() {
+            let scaled = weight * row[a];
+            self.right[a] -= scaled * residual;
+            for &b in &active[..=i] {
+                self.matrix[a][b] += scaled * row[b];
+            }
+        }
+    }
+}
+
+/// Bones that move a point, each with the share by which it does: those of its weights and all above
+fn shares(weights: impl Iterator<Item = (Bone, f64)>) -> [f64; Bone::COUNT] {
+    let mut shares = [0.0; Bone::COUNT];
+    for (bone, weight) in weights {
+        let mut above = Some(bone);
+        while let Some(b) = above {
+            shares[b as usize] += weight;
+            above = b.parent();
+        }
+    }
+    shares
+}
+
+/// The equations of one view about a pose and what is shared so far; the prior of the pose is in them
+///
+/// `matches` say what explains the outline; `prior` is the pose that sway goes about. `None` when rounding breaks them.
+pub(super) fn equations(
+    body: &Body,
+    view: &FitView,
+    (outline, matches): (&Outline, &[Match]),
+    prior: &Pose,
+    pose: &Pose,
+    shared: &SharedStep,
+) -> Option<Equations> {
+    let camera = view.camera.projector();
+    let frame = body.reshape_frame(view.stature_mm);
+    let posed = posed_bones(body, view, pose, shared);
+    let motions: [Motion; POSE] = std::array::from_fn(|parameter| posed.motion(parameter));
+    let mut equations = Equations {
+        matrix: [[0.0; ALL]; ALL],
+        right: [0.0; ALL],
+    };
+    let mut row = [0.0; ALL];
+    let mut active = Vec::with_capacity(ALL);
+    for m in matches {
+        let v = m.vertex as usize;
+        let weight: &SkinWeight = &body.weights[v];
+        let blend = posed.blend(weight);
+        let rates = frame.rates(body.positions[v], body.arms[v]);
+        let point = blend.transform_point3(shared.reshaped(body.positions[v], rates));
+        let (residual, gradient) = m.residual(&camera, point, outline);
+        let shares = shares(weight.iter());
+        fill_row(&motions, &shares, gradient, point, &mut row, &mut active);
+        let rates = rates.map(|rate| blend.matrix3 * rate);
+        fill_shared(view, gradient, point, rates, &mut row, &mut active);
+        let robust = 1.0 / (1.0 + (residual / ROBUST).powi(2));
+        let weight = OUTLINE_SHARE * m.weight * robust * robust / OUTLINE_SIGMA.powi(2);
+        equations.add(&active, &row, residual, weight);
+    }
+    add_keypoints(body, view, &posed, &motions, shared, &mut equations);
+    let (sigmas, at) = (Pose::prior_sigmas(), pose.to_parameters());
+    let center = prior.to_parameters();
+    for i in 0..POSE {
+        let weight = sigmas[i].powi(-2);
+        equations.matrix[i][i] += weight;
+        equations.right[i] -= weight * (at[i] - center[i]);
+    }
+    equations
+        .right
+        .iter()
+        .all(|x| x.is_finite())
+        .then_some(equations)
+}
+
+/// Derivatives of `gradient . point` by the parameters of the pose that move the point
+fn fill_row(
+    motions: &[Motion; POSE],
+    shares: &[f64; Bone::COUNT],
+    gradient: DVec3,
+    point: DVec3,
+    row: &mut [f64; ALL],
+    active: &mut Vec<usize>,
+) {
+    active.clear();
+    for (b, &share) in shares.iter().enumerate() {
+        if share > 0.0 {
+            for p in 3 * b..3 * b + 3 {
+                row[p] = share * gradient.dot(motions[p].velocity(point));
+                active.push(p);
+            }
+        }
+    }
+    for p in 3 * Bone::COUNT..POSE {
+        row[p] = gradient.dot(motions[p].velocity(point));
+        active.push(p);
+    }
+}
+
+/// Derivatives by what all views share; `reshaped` are those of the point in the room by width and lift
+fn fill_shared(
+    view: &FitView,
+    gradient: DVec3,
+    point: DVec3,
+    reshaped: [DVec3; 2],
+    row: &mut [f64; ALL],
+    active: &mut Vec<usize>,
+) {
+    let rates = reshaped
+        .into_iter()
+        .chain(camera_rates(point, &view.camera));
+    for (s, rate) in rates.enumerate() {
+        row[POSE + s] = gradient.dot(rate);
+        active.push(POSE + s);
+    }
+}
+
+fn add_keypoints(
+    body: &Body,
+    view: &FitView,
+    posed: &PosedBones,
+    motions: &[Motion; POSE],
+    shared: &SharedStep,
+    equations: &mut Equations,
+) {
+    let camera: &Camera = &view.camera;
+    let frame = body.reshape_frame(view.stature_mm);
+    let mut row = [0.0; ALL];
+    let mut active = Vec::with_capacity(ALL);
+    for joint in Joint::ALL {
+        let Some((seen, sigma_px)) = view.keypoint(joint) else {
+            continue;
+        };
+        let parts = joint_parts(joint);
+        let share = 1.0 / parts.len() as f64;
+        let (mut point, mut rates) = (DVec3::ZERO, [DVec3::ZERO; 2]);
+        for part in parts {
+            let arms = arm_shares(&SkinWeight::rigid(part.bone()));
+            let reference = body.keypoints[*part as usize];
+            let reshaped = frame.rates(reference, arms);
+            let reference = shared.reshaped(reference, reshaped);
+            point += posed.carry(part.bone(), reference) * share;
+            let rotation = posed.transforms[part.bone() as usize].matrix3;
+            for (sum, rate) in rates.iter_mut().zip(reshaped) {
+                *sum += rotation * rate * share;
+            }
+        }
+        let shares = shares(parts.iter().map(|part| (part.bone(), share)));
+        let residual = camera.project(point) - seen;
+        let scaled = residual / sigma_px;
+        let robust = 1.0 / (1.0 + scaled.abs().max_element().powi(2) / KEYPOINT_WIDTH.powi(2));
+        let weight = robust / (sigma_px * sigma_px);
+        let gradients = camera.project_gradients(point);
+        for (gradient, residual) in gradients.into_iter().zip(residual.to_array()) {
+            fill_row(motions, &shares, gradient, point, &mut row, &mut active);
+            fill_shared(view, gradient, point, rates, &mut row, &mut active);
+            equations.add(&active, &row, residual, weight);
+        }
+    }
+}
+
+/// The joints in whose middle a joint lies
+fn joint_parts(joint: Joint) -> &'static [Joint] {
+    match joint {
+        Joint::Neck => &[Joint::LeftShoulder, Joint::RightShoulder],
+        Joint::MidHip => &[Joint::LeftHip, Joint::RightHip],
+        _ => &Joint::ALL[joint as usize..=joint as usize],
+    }
+}

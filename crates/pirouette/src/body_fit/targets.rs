@@ -1,0 +1,73 @@
+//! Where the outline of a photo goes when the fitted body takes the reference pose.
+
+use glam::DVec2;
+
+use super::outline::{EdgePoint, PointIndex};
+use super::rim::RimMesh;
+use super::{Fit, NOMINAL_STATURE_PX};
+use pirouette_body::Camera;
+use pirouette_body::TurnAngle;
+use pirouette_body::{Pose, pose_bones};
+
+/// Outline points take part in the motion of the rim within this distance, in nominal px
+const RADIUS: f64 = 12.0;
+
+/// ... when the cosine between both normals is above this
+const MIN_COSINE: f64 = 0.5;
+
+/// The rim of the fitted body in one photo, and where each of its points lies in the reference pose
+#[derive(Debug, Clone)]
+pub struct OutlineTargets {
+    index: PointIndex,
+    radius_px: f64,
+    /// Per rim point: position in the reference pose, and by what the surface turns there in the photo's plane
+    moved: Vec<(DVec2, DVec2)>,
+}
+
+impl OutlineTargets {
+    /// Follows the rim of one view of a fit from the photo into the reference pose, turned like the view
+    ///
+    /// `rim` is made of the fitted mesh.
+    ///
+    /// # Panics
+    /// When the fit has no such view.
+    pub fn new(fit: &Fit, rim: &RimMesh, view: usize, turn: TurnAngle, camera: &Camera) -> Self {
+        let avatar = &fit.avatar;
+        let mesh = &avatar.mesh;
+        let photo = pose_bones(&avatar.bone_heads, &fit.poses[view], turn);
+        let reference = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
+        let stature_px = camera.focal_px() * avatar.stature_mm() / camera.distance_mm;
+        let unit_px = stature_px / NOMINAL_STATURE_PX;
+        let posed = photo.skin(&mesh.positions, &avatar.weights);
+        let rim = rim.rim(&posed, camera, unit_px);
+        let moved = rim
+            .iter()
+            .map(|r| {
+                let v = r.vertex as usize;
+                let (weight, position) = (&avatar.weights[v], mesh.positions[v]);
+                let [to, from] = [&reference, &photo].map(|bones| bones.blend(weight));
+                let turned = to.matrix3 * from.matrix3.transpose();
+                // The room's x and y are the photo's x and minus y: the turn changes its sign twice.
+                let turned = DVec2::new(turned.x_axis.x, -turned.x_axis.y);
+                let target = camera.project(to.transform_point3(position));
+                (target, turned.try_normalize().unwrap_or(DVec2::X))
+            })
+            .collect();
+        let edges: Vec<EdgePoint> = rim.iter().map(|r| r.edge).collect();
+        Self {
+            index: PointIndex::new(&edges, unit_px),
+            radius_px: RADIUS * unit_px,
+            moved,
+        }
+    }
+
+    /// Where a point of the outline goes, in px; `None` where no rim is near
+    ///
+    /// `normal` leads out of the person. How far the point is off the rim stays, turned with the surface.
+    pub fn target(&self, position: DVec2, normal: DVec2) -> Option<DVec2> {
+        let point = EdgePoint { position, normal };
+        let (at, rim) = self.index.nearest(point, self.radius_px, MIN_COSINE)?;
+        let (target, turned) = self.moved[at];
+        Some(target + turned.rotate(position - rim.position))
+    }
+}

@@ -1,0 +1,321 @@
+use pirouette_geom::section::{plane_section, tape_length};
+
+use super::*;
+use crate::measure::{Measure, measure_figure};
+use pirouette_body::Keypoint;
+use pirouette_body::Sex;
+use pirouette_body::mannequin::{MannequinParameters, mannequin};
+use pirouette_body::render::silhouette;
+use pirouette_geom::Grid;
+use pirouette_synthetic::{Random, SyntheticOptions};
+
+/// What cameras see of a figure, without photos
+struct Seen {
+    silhouettes: Vec<Windowed<f32>>,
+    keypoints: Vec<Keypoints>,
+    turns: Vec<TurnAngle>,
+    camera: Camera,
+    stature_mm: f64,
+}
+
+impl Seen {
+    fn new(figure: &Avatar, turns: &[TurnAngle], poses: &[Pose]) -> Self {
+        let stature_mm = figure.stature_mm();
+        let camera = SyntheticOptions::camera_for(stature_mm, 320, 400);
+        let seen = turns.iter().zip(poses).map(|(&turn, pose)| {
+            let posed = pose_bones(&figure.bone_heads, pose, turn);
+            let positions = posed.skin(&figure.mesh.positions, &figure.weights);
+            let mut keypoints = Keypoints::default();
+            for joint in Joint::ALL {
+                let point = match joint {
+                    Joint::Neck | Joint::MidHip => continue,
+                    _ => posed.carry(joint.bone(), figure.keypoints[joint as usize]),
+                };
+                let keypoint = Keypoint {
+                    position: camera.project(point),
+                    confidence: 0.9,
+                };
+                keypoints.set(joint, keypoint);
+            }
+            (
+                Windowed::new(&silhouette(&positions, &figure.mesh.triangles, &camera)),
+                keypoints,
+            )
+        });
+        let (silhouettes, keypoints) = seen.unzip();
+        Self {
+            silhouettes,
+            keypoints,
+            turns: turns.to_vec(),
+            camera,
+            stature_mm,
+        }
+    }
+
+    fn still(figure: &Avatar, view_count: usize) -> Self {
+        let turns = SyntheticOptions::even_turns(view_count);
+        Self::new(figure, &turns, &vec![Pose::default(); view_count])
+    }
+
+    fn views(&self) -> Vec<FitView<'_>> {
+        (0..self.turns.len())
+            .map(|i| FitView {
+                silhouette: &self.silhouettes[i],
+                keypoints: &self.keypoints[i],
+                camera: self.camera,
+                turn: self.turns[i],
+                pose: Pose::default(),
+                stature_mm: self.stature_mm,
+            })
+            .collect()
+    }
+
+    fn prior(&self) -> FitPrior {
+        FitPrior {
+            stature_mm: Some(self.stature_mm),
+            ..FitPrior::default()
+        }
+    }
+
+    fn fit(&self, start: &Avatar, options: &FitOptions) -> Fit {
+        fit_body(start, &self.views(), &self.prior(), options, &|| false)
+    }
+}
+
+fn figure(sex: Sex, mass_kg: f64) -> Avatar {
+    mannequin(&MannequinParameters {
+        sex,
+        stature_mm: Some(1700.0),
+        mass_kg: Some(mass_kg),
+        ..MannequinParameters::default()
+    })
+    .unwrap()
+}
+
+fn quick() -> FitOptions {
+    let mut options = FitOptions::default();
+    for round in &mut options.rounds {
+        round.coarse_count = 1200;
+    }
+    options
+}
+
+/// Mean distance between vertices that belong together, in mm
+fn mean_distance(a: &Avatar, b: &Avatar) -> f64 {
+    let pairs = a.mesh.positions.iter().zip(&b.mesh.positions);
+    pairs.map(|(p, q)| p.distance(*q)).sum::<f64>() / a.mesh.positions.len() as f64
+}
+
+/// Level of a tape of the trunk where the figure itself has it, and the tape length there
+fn true_tape(figure: &Avatar, height: Measure) -> (f64, f64) {
+    let measures = measure_figure(figure);
+    let found = measures.iter().find(|(measure, _)| *measure == height);
+    let (_, level_mm) = *found.expect("the mannequin has every measure");
+    (level_mm, girth_at(figure, level_mm))
+}
+
+/// Tape length of the longest level section
+fn girth_at(figure: &Avatar, level_mm: f64) -> f64 {
+    plane_section(&figure.mesh, DVec3::Y * level_mm, DVec3::Y)
+        .iter()
+        .map(|points| tape_length(points))
+        .fold(0.0, f64::max)
+}
+
+#[test]
+fn a_still_mannequin_comes_back_within_a_millimeter() {
+    let truth = figure(Sex::Female, 70.0);
+    let fit = Seen::still(&truth, 8).fit(&truth, &quick());
+    let off = mean_distance(&fit.avatar, &truth);
+    assert!(off < 1.0, "{off}");
+    assert!(fit.mean_iou().unwrap() > 0.985);
+    fit.avatar.mesh.check().unwrap();
+}
+
+#[test]
+fn a_heavier_body_is_found_from_a_lighter_start() {
+    let truth = figure(Sex::Neutral, 84.0);
+    let start = figure(Sex::Neutral, 63.0);
+    let fit = Seen::still(&truth, 8).fit(&start, &quick());
+    for tape in [
+        Measure::BustHeight,
+        Measure::WaistHeight,
+        Measure::HipHeight,
+    ] {
+        let (level_mm, girth_mm) = true_tape(&truth, tape);
+        let before = girth_at(&start, level_mm) / girth_mm - 1.0;
+        let after = girth_at(&fit.avatar, level_mm) / girth_mm - 1.0;
+        assert!(before < -0.05, "{tape:?} {before}");
+        assert!(after.abs() < 0.02, "{tape:?} {after}");
+    }
+}
+
+#[test]
+fn sway_goes_into_the_poses_and_not_into_the_body() {
+    let truth = figure(Sex::Male, 75.0);
+    let turns = SyntheticOptions::even_turns(8);
+    let sigmas = Pose::prior_sigmas();
+    let mut random = Random::new(7);
+    let poses: Vec<Pose> = turns
+        .iter()
+        .map(|_| Pose::from_parameters(&sigmas.map(|sigma| 0.5 * sigma * random.normal())))
+        .collect();
+    let fit = Seen::new(&truth, &turns, &poses).fit(&truth, &quick());
+    // Where the person stands is known only up to the mean of the sway, so that girths are compared.
+    for tape in [
+        Measure::BustHeight,
+        Measure::WaistHeight,
+        Measure::HipHeight,
+    ] {
+        let (level_mm, girth_mm) = true_tape(&truth, tape);
+        let error = girth_at(&fit.avatar, level_mm) / girth_mm - 1.0;
+        assert!(error.abs() < 0.01, "{tape:?} {error}");
+    }
+    assert!(fit.mean_iou().unwrap() > 0.97);
+}
+
+#[test]
+fn other_turn_angles_of_the_same_body_give_the_same_body() {
+    let truth = figure(Sex::Female, 62.0);
+    let even = SyntheticOptions::even_turns(8);
+    let turned: Vec<TurnAngle> = even
+        .iter()
+        .map(|turn| TurnAngle::from_degrees(turn.degrees() + 22.5))
+        .collect();
+    let start = figure(Sex::Female, 57.0);
+    let still = vec![Pose::default(); 8];
+    let [a, b] =
+        [even, turned].map(|turns| Seen::new(&truth, &turns, &still).fit(&start, &quick()));
+    let off = mean_distance(&a.avatar, &b.avatar);
+    assert!(off < 3.0, "{off}");
+}
+
+#[test]
+fn two_views_and_empty_silhouettes_still_give_a_closed_body() {
+    let truth = figure(Sex::Female, 62.0);
+    let turns = [0.0, 90.0].map(TurnAngle::from_degrees);
+    let mut seen = Seen::new(&truth, &turns, &[Pose::default(); 2]);
+    let fit = seen.fit(&truth, &quick());
+    fit.avatar.mesh.check().unwrap();
+    assert!(mean_distance(&fit.avatar, &truth) < 2.0);
+    seen.silhouettes[1] = Windowed::new(&Grid::filled(320, 400, 0.0));
+    seen.silhouettes[0] = Windowed::new(&Grid::filled(320, 400, f32::NAN));
+    let fit = seen.fit(&truth, &quick());
+    fit.avatar.check().unwrap();
+    assert_eq!(
+        seen.fit(
+            &truth,
+            &FitOptions {
+                rounds: Vec::new(),
+                ..quick()
+            }
+        )
+        .residual_px,
+        f64::INFINITY
+    );
+}
+
+#[test]
+fn a_camera_that_was_taken_for_another_is_found() {
+    let truth = figure(Sex::Female, 62.0);
+    let seen = Seen::still(&truth, 8);
+    let mut views = seen.views();
+    for view in &mut views {
+        view.camera.distance_mm += 25.0;
+        view.camera.pitch_radians += 0.4_f64.to_radians();
+    }
+    let fit = |camera: CameraSpread| {
+        let prior = FitPrior {
+            camera,
+            ..seen.prior()
+        };
+        fit_body(&truth, &views, &prior, &quick(), &|| false)
+    };
+    let held = fit(CameraSpread::default());
+    assert_eq!(held.cameras[0], views[0].camera);
+    let found = fit(CameraSpread {
+        distance_mm: 100.0,
+        height_mm: 0.0,
+        pitch_radians: 1.0_f64.to_radians(),
+    });
+    let (camera, expected) = (found.cameras[0], seen.camera);
+    let off_mm = camera.distance_mm - expected.distance_mm;
+    let off_degrees = (camera.pitch_radians - expected.pitch_radians).to_degrees();
+    assert!(off_mm.abs() < 8.0, "{off_mm}");
+    assert!(off_degrees.abs() < 0.1, "{off_degrees}");
+    assert!(found.cameras.iter().all(|c| *c == camera));
+    assert!((camera.height_mm - expected.height_mm).abs() < 1e-12);
+    let (held, found) = (
+        mean_distance(&held.avatar, &truth),
+        mean_distance(&found.avatar, &truth),
+    );
+    assert!(found < 2.0 && found < 0.6 * held, "{found} {held}");
+}
+
+#[test]
+fn a_cancelled_fit_comes_back_at_once_as_it_started() {
+    let truth = figure(Sex::Female, 62.0);
+    let seen = Seen::still(&truth, 3);
+    let fit = fit_body(&truth, &seen.views(), &seen.prior(), &quick(), &|| true);
+    assert!(mean_distance(&fit.avatar, &truth) < 1e-9);
+}
+
+#[test]
+fn the_rim_of_a_figure_lies_on_its_silhouettes_outline() {
+    let truth = figure(Sex::Female, 62.0);
+    let seen = Seen::still(&truth, 3);
+    for (view, turn) in seen.turns.iter().enumerate() {
+        let posed = pose_bones(&truth.bone_heads, &Pose::default(), *turn);
+        let positions = posed.skin(&truth.mesh.positions, &truth.weights);
+        let mesh = rim::RimMesh::new(&truth.mesh.triangles, positions.len());
+        let rim = mesh.rim(&positions, &seen.camera, 1.0);
+        let outline = outline::PointIndex::new(&outline::trace(&seen.silhouettes[view], 0.5), 1.0);
+        assert!(rim.len() > 300);
+        let near = rim
+            .iter()
+            .filter(|r| outline.nearest(r.edge, 1.0, 0.3).is_some())
+            .count();
+        assert!(near * 100 > 95 * rim.len(), "{near} of {}", rim.len());
+    }
+}
+
+#[test]
+fn outline_targets_lead_from_the_photo_to_the_reference_pose() {
+    let truth = figure(Sex::Female, 62.0);
+    let mut pose = Pose::default();
+    pose.rotations[Bone::LeftUpperArm as usize] = DVec3::new(0.0, 0.0, 0.15);
+    pose.shift_mm = DVec3::new(20.0, 0.0, 0.0);
+    let turn = TurnAngle::from_degrees(0.0);
+    let seen = Seen::new(&truth, &[turn], &[pose]);
+    let fit = Fit {
+        avatar: truth.clone(),
+        poses: vec![pose],
+        cameras: vec![seen.camera],
+        silhouette_ious: vec![1.0],
+        residual_px: 0.0,
+    };
+    let rim = RimMesh::new(&truth.mesh.triangles, truth.mesh.positions.len());
+    let targets = OutlineTargets::new(&fit, &rim, 0, turn, &seen.camera);
+    let reference = Seen::new(&truth, &[turn], &[Pose::default()]);
+    let outline = outline::trace(&seen.silhouettes[0], 0.5);
+    let expected = outline::PointIndex::new(&outline::trace(&reference.silhouettes[0], 0.5), 1.0);
+    let (mut known, mut right) = (0, 0);
+    for point in &outline {
+        let Some(target) = targets.target(point.position, point.normal) else {
+            continue;
+        };
+        known += 1;
+        let moved = outline::EdgePoint {
+            position: target,
+            normal: point.normal,
+        };
+        right += usize::from(expected.nearest(moved, 1.5, 0.3).is_some());
+    }
+    assert!(
+        known * 100 > 95 * outline.len(),
+        "{known} of {}",
+        outline.len()
+    );
+    assert!(right * 100 > 95 * known, "{right} of {known}");
+    assert!(targets.target(DVec2::splat(-500.0), DVec2::X).is_none());
+}

@@ -1,0 +1,567 @@
+//! One skeleton for all views: camera distance, bone lengths and the pose of each view from keypoints.
+//!
+//! The bundle explains every detected joint of every photo as one body, the reference figure with its bones
+//! stretched, in slightly different poses before one camera. Unknown are 60 numbers per view (rotations of 19
+//! bones and a shift) and, shared by all views, nine bone lengths, the places of the points of face and feet,
+//! and what is not known of the camera. Gauss-Newton with analytic derivatives and a loss that outliers cannot
+//! dominate; the poses are eliminated view by view (Schur complement), so that 72 views cost little more than
+//! their number. Starting from the reference pose suffices for people who try to hold it.
+//!
+//! Left and right mixed up by the detector are found and mended, other outliers are named. Hidden limbs are
+//! carried by the priors: keep in mind that their poses are guesses. The surface is only stretched along the
+//! bones, it says nothing about girths.
+
+mod model;
+mod scales;
+mod solve;
+mod start;
+mod swaps;
+#[cfg(test)]
+mod tests;
+mod turns;
+
+use glam::{DVec2, DVec3};
+use thiserror::Error;
+
+use crate::scan::{CameraSetup, View};
+use model::{Problem, Shared, Unknowns, room_joints};
+use pirouette_body::Avatar;
+use pirouette_body::Camera;
+use pirouette_body::TurnAngle;
+use pirouette_body::{Bone, Joint, Keypoints};
+use pirouette_body::{Pose, PosedBones, pose_bones};
+use scales::Frame;
+use solve::{Solution, solve};
+
+pub use scales::{Scale, Scales, rescale_avatar};
+pub(crate) use start::keypoint_sigma_px;
+pub use swaps::Limb;
+pub use turns::TurnCorrection;
+
+/// One photo as the bundle sees it
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BundleView {
+    /// How far the person has turned
+    pub turn: TurnAngle,
+    /// Detected joints, in px of the photo
+    pub keypoints: Keypoints,
+    /// Columns of the photo
+    pub width_px: usize,
+    /// Rows of the photo
+    pub height_px: usize,
+}
+
+impl From<&View> for BundleView {
+    /// The view as it was given
+    fn from(view: &View) -> Self {
+        Self {
+            turn: view.turn,
+            keypoints: view.keypoints,
+            width_px: view.photo.width(),
+            height_px: view.photo.height(),
+        }
+    }
+}
+
+/// How the bundle is solved
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BundleOptions {
+    /// Most rounds of Gauss-Newton; it usually stops after six to ten
+    pub rounds: usize,
+    /// Whether left and right are swapped back where the detector mixed them up
+    pub mend_swaps: bool,
+    /// How far a camera of unknown pitch may be from level, as a standard deviation; 0 holds it level
+    pub pitch_sigma_radians: f64,
+    /// Whether turn angles that go the wrong way round, or do not start at the front, are corrected
+    pub correct_turns: bool,
+    /// Whether arms and thighs may be held otherwise than in the reference pose in all views
+    ///
+    /// Only where the keypoints clearly ask for it; else, and when this is off, all counts as sway, which the
+    /// priors keep small.
+    pub free_posture: bool,
+}
+
+impl Default for BundleOptions {
+    fn default() -> Self {
+        Self {
+            rounds: 25,
+            mend_swaps: true,
+            correct_turns: true,
+            pitch_sigma_radians: 2.0_f64.to_radians(),
+            free_posture: true,
+        }
+    }
+}
+
+/// One body and one camera for all views
+#[derive(Debug, Clone)]
+pub struct Bundle {
+    /// The reference figure with the person's bone lengths and stature, on the floor, in the reference pose
+    pub avatar: Avatar,
+    /// The camera of each view; they differ in the size of the photo alone
+    pub cameras: Vec<Camera>,
+    /// Turn angle of each view: as given, unless `turn_correction` says otherwise
+    pub turns: Vec<TurnAngle>,
+    /// What the given turn angles were changed by
+    pub turn_correction: TurnCorrection,
+    /// Pose of each view, posture and sway together
+    pub poses: Vec<Pose>,
+    /// What the poses have in common against the reference pose: how arms and thighs are held
+    ///
+    /// Zero unless the keypoints clearly ask for it.
+    pub posture: Pose,
+    /// Keypoints of each view, with left and right swapped back where they were mixed up
+    pub keypoints: Vec<Keypoints>,
+    /// Bone lengths against the reference figure of the same stature
+    pub scales: Scales,
+    /// Which limbs had left and right mixed up, with their views
+    pub swaps: Vec<(usize, Limb)>,
+    /// Keypoints that no likely pose explains
+    pub outliers: Vec<Outlier>,
+    /// Root mean square distance of predicted from detected joints, outliers left out, in px
+    pub rms_px: f64,
+    /// What was assumed or went wrong
+    pub warnings: Vec<BundleWarning>,
+}
+
+/// A keypoint that no likely pose explains
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outlier {
+    /// Its view
+    pub view: usize,
+    /// Its joint
+    pub joint: Joint,
+    /// Distance of the detected from the predicted joint, in px
+    pub residual_px: f64,
+}
+
+/// What the bundle assumed or could not do
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum BundleWarning {
+    /// All lengths are in units of the assumed stature
+    #[error(
+        "the stature is unknown: all lengths assume {assumed_mm:.0} mm; give subject.stature_mm in scan.json"
+    )]
+    StatureUnknown {
+        /// Stature of the reference figure, in mm
+        assumed_mm: f64,
+    },
+    /// The field of view was estimated from little
+    #[error(
+        "the field of view is unknown: {estimated_degrees:.1} degrees fit best; give camera.vertical_fov_deg in scan.json"
+    )]
+    FieldOfViewUnknown {
+        /// Vertical field of view that was used, in degrees
+        estimated_degrees: f64,
+    },
+    /// The camera's height was estimated
+    #[error(
+        "the height of the camera is unknown: {estimated_mm:.0} mm fit best; give camera.height_mm in scan.json"
+    )]
+    CameraHeightUnknown {
+        /// Height that was used, in mm
+        estimated_mm: f64,
+    },
+    /// The person turned the other way round
+    #[error(
+        "the person turns to the own right: the turn angles were taken with the opposite sign; \
+         turn to the left, or reverse the angles"
+    )]
+    TurnedBackward,
+    /// The turn angles do not start where the person faces the camera
+    #[error(
+        "the person faces the camera at another angle than 0: {offset_degrees:.0} degrees were added to all turn angles"
+    )]
+    TurnsShifted {
+        /// What was added to the angles, in degrees
+        offset_degrees: f64,
+    },
+    /// The view has the mean pose of the others
+    #[error("view {view} has no keypoints: it takes the mean pose of the other views")]
+    ViewWithoutKeypoints {
+        /// Its index
+        view: usize,
+    },
+    /// Bone lengths and camera do not agree with the stature
+    #[error(
+        "the skeleton comes out {solved_mm:.0} mm tall instead of {given_mm:.0} mm: \
+         check stature, camera height and field of view"
+    )]
+    StatureContradicted {
+        /// Given or assumed stature, in mm
+        given_mm: f64,
+        /// Stature of the scaled figure, in mm
+        solved_mm: f64,
+    },
+    /// A bone length far from what people have
+    #[error("{} is {factor:.2} times that of the reference figure: check stature and keypoints", .scale.name())]
+    UnusualLength {
+        /// The length
+        scale: Scale,
+        /// Its factor
+        factor: f64,
+    },
+    /// The rounds ended before the solution settled
+    #[error("the skeleton did not settle: poses may be off")]
+    NotConverged,
+}
+
+/// Why there is no skeleton
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum BundleError {
+    /// Nothing to solve
+    #[error("there are no views")]
+    NoViews,
+    /// No joint anywhere
+    #[error("none of the {views} views has usable keypoints")]
+    NoKeypoints {
+        /// Number of views
+        views: usize,
+    },
+    /// Too few joints for a body
+    #[error(
+        "the views have {found} usable keypoints in all, {} are needed",
+        start::MIN_JOINTS
+    )]
+    TooFewJoints {
+        /// Usable keypoints in all views
+        found: usize,
+    },
+    /// The keypoints do not tell how large the person is in the photo
+    #[error(
+        "no view tells the person's size in the photo: \
+         head and trunk must be seen above hips or legs"
+    )]
+    NoScale,
+    /// Not a person's height in millimeters
+    #[error(
+        "a stature of {stature_mm} mm is not that of a person ({MIN_STATURE_MM} to {MAX_STATURE_MM} mm)"
+    )]
+    StatureImplausible {
+        /// The given stature, in mm
+        stature_mm: f64,
+    },
+    /// The reference figure is empty, flat or not finite
+    #[error("the reference figure has no usable surface")]
+    AvatarUnusable,
+}
+
+/// Statures that people have, in mm: beyond, the unit was mistaken
+const MIN_STATURE_MM: f64 = 400.0;
+const MAX_STATURE_MM: f64 = 2600.0;
+
+/// Stature of the scaled figure may differ from the given one by this part before a warning
+const STATURE_TOLERANCE: f64 = 0.01;
+
+/// Logarithm of a bone length beyond which it is reported as unusual: four prior deviations
+const UNUSUAL_LOG_SCALE: f64 = 0.24;
+
+/// Keypoints farther off than this many standard deviations are outliers
+const OUTLIER_SIGMAS: f64 = 5.0;
+
+/// Times that swaps are searched for and the bundle is solved again
+const MEND_ROUNDS: usize = 3;
+
+/// Logarithm of the likelihood ratio that a posture of its own must gain
+///
+/// One and a half for each of its 18 unknowns. Rendered people who stand in the reference pose gain 2 to 11,
+/// a real person with straighter arms gained 129. Freed without need, it lets hidden arms drift: silhouettes of
+/// the posed figure lose 0.0015 IoU.
+const CLEAR_POSTURE_GAIN: f64 = 27.0;
+
+/// Rounds after which the gain of a posture shows
+const POSTURE_TRIAL_ROUNDS: usize = 3;
+
+/// Finds one skeleton, one pose per view and the camera from the keypoints of all views
+///
+/// `avatar` may have any stature, it is scaled to the given one; without one, its own counts, and all
+/// lengths of the result are in units of it. Missing joints are fine; a view without any takes the mean pose
+/// of the others. What `camera` does not know is estimated.
+///
+/// # Errors
+/// When there are too few keypoints for a body, none tells its size, or stature or avatar are unusable.
+///
+/// # Source
+/// Robust loss: Cauchy's, by iterated reweighting, Holland and Welsch 1977. Elimination of the views: Triggs et
+/// al. 2000, "Bundle adjustment: a modern synthesis", section 6.
+pub fn bundle(
+    avatar: &Avatar,
+    views: &[BundleView],
+    camera: &CameraSetup,
+    stature_mm: Option<f64>,
+    options: &BundleOptions,
+) -> Result<Bundle, BundleError> {
+    if views.is_empty() {
+        return Err(BundleError::NoViews);
+    }
+    let mut warnings = Vec::new();
+    let own_stature_mm = avatar.stature_mm();
+    if !(own_stature_mm.is_finite() && own_stature_mm > 0.0) {
+        return Err(BundleError::AvatarUnusable);
+    }
+    if stature_mm.is_none() {
+        warnings.push(BundleWarning::StatureUnknown {
+            assumed_mm: own_stature_mm,
+        });
+    }
+    let stature_mm = stature_mm.unwrap_or(own_stature_mm);
+    if !(MIN_STATURE_MM..=MAX_STATURE_MM).contains(&stature_mm) {
+        return Err(BundleError::StatureImplausible { stature_mm });
+    }
+    let avatar = enlarged(avatar, stature_mm / own_stature_mm);
+    let frame = Frame::new(&avatar).ok_or(BundleError::AvatarUnusable)?;
+    let start = start::prepare(&avatar, views, camera, options, &mut warnings)?;
+    let mut problem = Problem {
+        frame,
+        stature_mm,
+        camera: start.camera,
+        free_posture: false,
+        views: start.views,
+    };
+
+    let (mut solution, turn_correction) = if options.correct_turns {
+        turns::solve_turns(&mut problem, options.rounds)
+    } else {
+        let solution = solve(&problem, problem.start(), options.rounds);
+        (solution, TurnCorrection::default())
+    };
+    if turn_correction.reversed {
+        warnings.push(BundleWarning::TurnedBackward);
+    }
+    let offset_degrees = turn_correction.offset.wrapped().degrees();
+    if turn_correction != TurnCorrection::default() && offset_degrees > 0.0 {
+        warnings.push(BundleWarning::TurnsShifted {
+            offset_degrees: if offset_degrees > 180.0 {
+                offset_degrees - 360.0
+            } else {
+                offset_degrees
+            },
+        });
+    }
+    let mut swaps = Vec::new();
+    mend(&mut problem, &mut solution, &mut swaps, options);
+    if options.free_posture {
+        problem.free_posture = true;
+        let trial = solve(&problem, solution.unknowns.clone(), POSTURE_TRIAL_ROUNDS);
+        if trial.cost < solution.cost - CLEAR_POSTURE_GAIN {
+            solution = solve(&problem, trial.unknowns, options.rounds);
+            mend(&mut problem, &mut solution, &mut swaps, options);
+        } else {
+            problem.free_posture = false;
+        }
+    }
+    if !solution.converged {
+        warnings.push(BundleWarning::NotConverged);
+    }
+    let mut keypoints: Vec<Keypoints> = views.iter().map(|view| view.keypoints).collect();
+    for &(view, limb) in &swaps {
+        limb.swap(&mut keypoints[view]);
+    }
+    Ok(assemble(
+        &avatar,
+        &problem,
+        &solution.unknowns,
+        Mended {
+            keypoints,
+            swaps,
+            turn_correction,
+        },
+        warnings,
+    ))
+}
+
+/// Mends swaps and solves again, until there are none
+fn mend(
+    problem: &mut Problem,
+    solution: &mut Solution,
+    swaps: &mut Vec<(usize, Limb)>,
+    options: &BundleOptions,
+) {
+    for _ in 0..if options.mend_swaps { MEND_ROUNDS } else { 0 } {
+        let shared = problem.shared(&solution.unknowns.shared);
+        let mut unknowns = solution.unknowns.clone();
+        let mended = swaps::mend(problem, &shared, &mut unknowns);
+        if mended.is_empty() {
+            break;
+        }
+        swaps.extend(mended);
+        *solution = solve(problem, unknowns, options.rounds);
+    }
+}
+
+/// What was wrong with the input, and is no longer
+struct Mended {
+    keypoints: Vec<Keypoints>,
+    swaps: Vec<(usize, Limb)>,
+    turn_correction: TurnCorrection,
+}
+
+/// Everything that the solution says
+fn assemble(
+    avatar: &Avatar,
+    problem: &Problem,
+    unknowns: &Unknowns,
+    mended: Mended,
+    mut warnings: Vec<BundleWarning>,
+) -> Bundle {
+    let shared = problem.shared(&unknowns.shared);
+    let cameras: Vec<Camera> = problem.views.iter().map(|v| shared.camera_of(v)).collect();
+
+    let mut outliers = Vec::new();
+    let (mut sum, mut count) = (0.0, 0usize);
+    for (index, (view, pose)) in problem.views.iter().zip(&unknowns.poses).enumerate() {
+        let Some(residuals) = problem.residuals(view, &shared, pose) else {
+            continue;
+        };
+        for joint in Joint::ALL {
+            let observed = view.observed[joint as usize];
+            let (Some(residual), Some(observed)) = (residuals[joint as usize], observed) else {
+                continue;
+            };
+            let residual_px = residual.length() * observed.sigma_px;
+            if residual.length() > OUTLIER_SIGMAS {
+                outliers.push(Outlier {
+                    view: index,
+                    joint,
+                    residual_px,
+                });
+            } else {
+                sum += residual_px * residual_px;
+                count += 1;
+            }
+        }
+    }
+
+    let mut scaled = rescale_avatar(avatar, &shared.scales);
+    for (point, offset) in scaled.keypoints.iter_mut().zip(shared.keypoint_offsets()) {
+        *point += offset;
+    }
+    let solved_mm = scaled.stature_mm();
+    if (solved_mm / problem.stature_mm - 1.0).abs() > STATURE_TOLERANCE {
+        warnings.push(BundleWarning::StatureContradicted {
+            given_mm: problem.stature_mm,
+            solved_mm,
+        });
+    }
+    for scale in Scale::ALL {
+        if shared.scales.logs[scale as usize].abs() > UNUSUAL_LOG_SCALE {
+            warnings.push(BundleWarning::UnusualLength {
+                scale,
+                factor: shared.scales.factor(scale),
+            });
+        }
+    }
+    let camera = cameras[0];
+    if problem.camera.log_focal_sigma > 0.0 {
+        warnings.push(BundleWarning::FieldOfViewUnknown {
+            estimated_degrees: camera.vertical_fov_radians.to_degrees(),
+        });
+    }
+    if problem.camera.height_mm.1 > 0.0 {
+        warnings.push(BundleWarning::CameraHeightUnknown {
+            estimated_mm: camera.height_mm,
+        });
+    }
+    Bundle {
+        avatar: scaled,
+        cameras,
+        turns: problem.views.iter().map(|view| view.turn).collect(),
+        poses: final_poses(problem, &shared, unknowns),
+        posture: shared.posture,
+        turn_correction: mended.turn_correction,
+        keypoints: mended.keypoints,
+        scales: shared.scales,
+        swaps: mended.swaps,
+        outliers,
+        rms_px: if count > 0 {
+            (sum / count as f64).sqrt()
+        } else {
+            0.0
+        },
+        warnings,
+    }
+}
+
+/// Poses of all views; one without keypoints takes the mean rotations of the others, and stands on the axis
+fn final_poses(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> Vec<Pose> {
+    let seen: Vec<bool> = problem
+        .views
+        .iter()
+        .map(|view| view.observed_count() > 0)
+        .collect();
+    let mut poses: Vec<Pose> = unknowns
+        .poses
+        .iter()
+        .map(|pose| shared.pose(pose))
+        .collect();
+    let count = seen.iter().filter(|&&seen| seen).count().max(1) as f64;
+    let mut mean = Pose::default();
+    for (pose, _) in poses.iter().zip(&seen).filter(|&(_, &seen)| seen) {
+        for bone in Bone::ALL.into_iter().filter(|&bone| bone != Bone::Root) {
+            mean.rotations[bone as usize] += pose.rotations[bone as usize] / count;
+        }
+    }
+    for (pose, _) in poses.iter_mut().zip(&seen).filter(|&(_, &seen)| !seen) {
+        *pose = mean;
+    }
+    poses
+}
+
+/// The same figure at another size
+fn enlarged(avatar: &Avatar, factor: f64) -> Avatar {
+    let mut large = avatar.clone();
+    let points = large.mesh.positions.iter_mut();
+    for point in points
+        .chain(&mut large.bone_heads)
+        .chain(&mut large.keypoints)
+    {
+        *point *= factor;
+    }
+    large
+}
+
+impl Bundle {
+    /// Takes distance, height and pitch of all cameras from one that is known better
+    pub(crate) fn move_cameras(&mut self, better: &Camera) {
+        for camera in &mut self.cameras {
+            *camera = Camera {
+                width_px: camera.width_px,
+                height_px: camera.height_px,
+                ..*better
+            };
+        }
+    }
+
+    /// The bones of one view's pose, in the room
+    ///
+    /// # Panics
+    /// When there is no such view.
+    pub fn posed(&self, view: usize) -> PosedBones {
+        pose_bones(&self.avatar.bone_heads, &self.poses[view], self.turns[view])
+    }
+
+    /// Joints of one view's pose in the room, in mm
+    ///
+    /// # Panics
+    /// When there is no such view.
+    pub fn joints(&self, view: usize) -> [DVec3; Joint::COUNT] {
+        room_joints(&self.posed(view), &self.avatar.keypoints)
+    }
+
+    /// Joints in the room of the same skeleton in the reference pose, turned like this view, in mm
+    ///
+    /// # Panics
+    /// When there is no such view.
+    pub fn reference_joints(&self, view: usize) -> [DVec3; Joint::COUNT] {
+        let room_from_world = self.turns[view].room_from_world();
+        self.avatar.keypoints.map(|point| room_from_world * point)
+    }
+
+    /// Room points in one view's photo, in px
+    ///
+    /// # Panics
+    /// When there is no such view.
+    pub fn project(&self, view: usize, joints: &[DVec3; Joint::COUNT]) -> [DVec2; Joint::COUNT] {
+        joints.map(|joint| self.cameras[view].project(joint))
+    }
+}

@@ -1,0 +1,507 @@
+//! What the skeleton predicts in each photo, and the derivatives of that.
+//!
+//! All unknowns are in units of their prior standard deviations: the prior of each is then a unit normal
+//! distribution, and an unknown with a deviation of zero is held at its start.
+
+use faer::Mat;
+use glam::{DVec2, DVec3};
+
+use super::scales::{Frame, MIDDLES, Scale, ScaledFrame, Scales};
+use pirouette_body::Camera;
+use pirouette_body::TurnAngle;
+use pirouette_body::{Bone, Joint};
+use pirouette_body::{Motion, Pose, PosedBones, pose_bones};
+
+/// Unknowns of one view
+pub(super) const POSE_COUNT: usize = Pose::PARAMETER_COUNT;
+
+/// Unknowns that all views share: scales, offsets, camera, posture
+pub(super) const SHARED_COUNT: usize = POSTURE_START + 3 * POSTURE_BONES.len();
+const OFFSET_START: usize = Scale::COUNT;
+const CAMERA_START: usize = OFFSET_START + 3 * OFFSET_JOINTS.len();
+const POSTURE_START: usize = CAMERA_START + 4;
+
+/// Bones that a person may hold otherwise than the reference pose in all views, with the prior standard
+/// deviation of each coordinate of that rotation, in degrees
+///
+/// People told to stretch their arms out hold them higher or lower, and straight or bent; the sway from view to
+/// view is far smaller.
+const POSTURE_BONES: [(Bone, f64); 6] = [
+    (Bone::LeftUpperArm, 12.0),
+    (Bone::RightUpperArm, 12.0),
+    (Bone::LeftForearm, 25.0),
+    (Bone::RightForearm, 25.0),
+    (Bone::LeftThigh, 5.0),
+    (Bone::RightThigh, 5.0),
+];
+
+/// Points of face and feet whose place on the bone differs from person to person and from detector to detector
+const OFFSET_JOINTS: [Joint; 11] = [
+    Joint::Nose,
+    Joint::RightEye,
+    Joint::LeftEye,
+    Joint::RightEar,
+    Joint::LeftEar,
+    Joint::LeftBigToe,
+    Joint::LeftSmallToe,
+    Joint::LeftHeel,
+    Joint::RightBigToe,
+    Joint::RightSmallToe,
+    Joint::RightHeel,
+];
+
+/// Prior standard deviation of the logarithm of a bone length
+///
+/// Bodies of one stature differ by about this much; wider, and views from one side trade bone lengths for poses.
+const SCALE_SIGMA: f64 = 0.06;
+
+/// Prior standard deviation of each coordinate of a face or foot point on its bone, in mm
+const OFFSET_SIGMA_MM: f64 = 15.0;
+
+/// Standard deviation of the figure's height against the given stature, in mm
+///
+/// Not tighter, because hair, shoes and posture are in the photos but not in the number.
+const STATURE_SIGMA_MM: f64 = 6.0;
+
+/// Start and prior standard deviation of the camera's unknowns
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CameraPrior {
+    pub(super) distance_mm: (f64, f64),
+    pub(super) height_mm: (f64, f64),
+    pub(super) pitch_radians: (f64, f64),
+    pub(super) vertical_fov_radians: f64,
+    /// Of the logarithm of the focal length, which starts at the field of view's
+    pub(super) log_focal_sigma: f64,
+}
+
+/// A keypoint with its uncertainty
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Observed {
+    pub(super) position: DVec2,
+    pub(super) sigma_px: f64,
+}
+
+/// What is known of one view
+#[derive(Debug, Clone)]
+pub(super) struct ViewData {
+    pub(super) turn: TurnAngle,
+    pub(super) width_px: usize,
+    pub(super) height_px: usize,
+    pub(super) observed: [Option<Observed>; Joint::COUNT],
+}
+
+impl ViewData {
+    pub(super) fn observed_count(&self) -> usize {
+        self.observed.iter().flatten().count()
+    }
+}
+
+/// All that stays fixed while the bundle is solved
+#[derive(Debug, Clone)]
+pub(super) struct Problem {
+    pub(super) frame: Frame,
+    pub(super) stature_mm: f64,
+    pub(super) camera: CameraPrior,
+    /// Whether the person may hold another posture than the reference pose; else all of it is sway
+    pub(super) free_posture: bool,
+    pub(super) views: Vec<ViewData>,
+}
+
+/// The unknowns of all views, in units of their prior deviations
+#[derive(Debug, Clone)]
+pub(super) struct Unknowns {
+    pub(super) shared: [f64; SHARED_COUNT],
+    pub(super) poses: Vec<[f64; POSE_COUNT]>,
+}
+
+/// The body and the camera that some shared unknowns stand for
+#[derive(Debug, Clone)]
+pub(super) struct Shared {
+    pub(super) scales: Scales,
+    pub(super) offsets: [DVec3; OFFSET_JOINTS.len()],
+    pub(super) body: ScaledFrame,
+    /// What the poses of all views have in common
+    pub(super) posture: Pose,
+    camera: Camera,
+}
+
+/// The normal equations of one view, without priors
+///
+/// Row and column order: pose, shared (when asked for), and last the residuals themselves: the last column
+/// is the gradient.
+#[derive(Debug)]
+pub(super) struct Normal {
+    pub(super) matrix: Mat<f64>,
+}
+
+/// Loss of a residual (in standard deviations) that outliers cannot dominate, after Cauchy
+///
+/// Grows as the logarithm beyond `width`; half the square far below it.
+pub(super) fn robust_loss(residual_squared: f64, width: f64) -> f64 {
+    let c2 = width * width;
+    c2 / 2.0 * (residual_squared / c2).ln_1p()
+}
+
+impl Problem {
+    /// How many of the shared unknowns are solved for: the posture comes last
+    pub(super) fn shared_count(&self) -> usize {
+        if self.free_posture {
+            SHARED_COUNT
+        } else {
+            POSTURE_START
+        }
+    }
+
+    pub(super) fn shared_sigmas(&self) -> [f64; SHARED_COUNT] {
+        let mut sigmas = [SCALE_SIGMA; SHARED_COUNT];
+        sigmas[OFFSET_START..CAMERA_START].fill(OFFSET_SIGMA_MM);
+        let camera = &self.camera;
+        sigmas[CAMERA_START..POSTURE_START].copy_from_slice(&[
+            camera.distance_mm.1,
+            camera.height_mm.1,
+            camera.pitch_radians.1,
+            camera.log_focal_sigma,
+        ]);
+        let posture = sigmas[POSTURE_START..].chunks_exact_mut(3);
+        for (slots, (_, degrees)) in posture.zip(POSTURE_BONES) {
+            slots.fill(if self.free_posture {
+                degrees.to_radians()
+            } else {
+                0.0
+            });
+        }
+        sigmas
+    }
+
+    pub(super) fn start(&self) -> Unknowns {
+        Unknowns {
+            shared: [0.0; SHARED_COUNT],
+            poses: vec![[0.0; POSE_COUNT]; self.views.len()],
+        }
+    }
+
+    /// The body and the camera of some shared unknowns
+    pub(super) fn shared(&self, unknowns: &[f64; SHARED_COUNT]) -> Shared {
+        let sigmas = self.shared_sigmas();
+        let values: [f64; SHARED_COUNT] = std::array::from_fn(|i| unknowns[i] * sigmas[i]);
+        let scales = Scales {
+            logs: std::array::from_fn(|i| values[i]),
+        };
+        let offsets: [DVec3; OFFSET_JOINTS.len()] =
+            std::array::from_fn(|i| DVec3::from_slice(&values[OFFSET_START + 3 * i..]));
+        let mut body = self.frame.scaled(&scales);
+        for (joint, offset) in OFFSET_JOINTS.iter().zip(offsets) {
+            body.keypoints[*joint as usize] += offset;
+        }
+        let mut posture = Pose::default();
+        for (v, (bone, _)) in values[POSTURE_START..].chunks_exact(3).zip(POSTURE_BONES) {
+            posture.rotations[bone as usize] = DVec3::from_slice(v);
+        }
+        let prior = &self.camera;
+        let focal = values[CAMERA_START + 3].exp() / (prior.vertical_fov_radians / 2.0).tan();
+        Shared {
+            scales,
+            offsets,
+            body,
+            posture,
+            camera: Camera {
+                width_px: 0,
+                height_px: 0,
+                vertical_fov_radians: 2.0 * (1.0 / focal).atan(),
+                height_mm: prior.height_mm.0 + values[CAMERA_START + 1],
+                distance_mm: prior.distance_mm.0 + values[CAMERA_START],
+                pitch_radians: prior.pitch_radians.0 + values[CAMERA_START + 2],
+            },
+        }
+    }
+
+    /// Cost of the shared unknowns alone: their priors and the stature
+    pub(super) fn shared_cost(&self, unknowns: &[f64; SHARED_COUNT], shared: &Shared) -> f64 {
+        let stature = self.stature_residual(shared);
+        half_square(unknowns) + stature * stature / 2.0
+    }
+
+    /// Height of the body against the stature, in standard deviations
+    pub(super) fn stature_residual(&self, shared: &Shared) -> f64 {
+        (shared.body.stature_mm - self.stature_mm) / STATURE_SIGMA_MM
+    }
+
+    /// Gradient of [`Problem::stature_residual`] by the shared unknowns
+    pub(super) fn stature_gradient(&self, rates: &[ScaledFrame]) -> [f64; SHARED_COUNT] {
+        let mut gradient = [0.0; SHARED_COUNT];
+        for (slot, rate) in gradient.iter_mut().zip(rates) {
+            *slot = rate.stature_mm * SCALE_SIGMA / STATURE_SIGMA_MM;
+        }
+        gradient
+    }
+
+    /// Rates of the body by each logarithmic scale
+    pub(super) fn body_rates(&self, shared: &Shared) -> Vec<ScaledFrame> {
+        Scale::ALL
+            .iter()
+            .map(|&scale| self.frame.rate(&shared.scales, scale))
+            .collect()
+    }
+
+    /// Cost of one view: its keypoints and the prior of its pose; infinite when the body reaches the camera
+    pub(super) fn view_cost(
+        &self,
+        view: &ViewData,
+        shared: &Shared,
+        pose: &[f64; POSE_COUNT],
+        width: f64,
+    ) -> f64 {
+        let Some(residuals) = self.residuals(view, shared, pose) else {
+            return f64::INFINITY;
+        };
+        let data: f64 = residuals
+            .iter()
+            .flatten()
+            .map(|r| robust_loss(r.length_squared(), width))
+            .sum();
+        data + half_square(pose)
+    }
+
+    /// Predicted minus detected joints, in standard deviations; `None` when the body reaches the camera
+    pub(super) fn residuals(
+        &self,
+        view: &ViewData,
+        shared: &Shared,
+        pose: &[f64; POSE_COUNT],
+    ) -> Option<[Option<DVec2>; Joint::COUNT]> {
+        let posed = pose_bones(&shared.body.heads, &shared.pose(pose), view.turn);
+        let camera = shared.camera_of(view);
+        let joints = room_joints(&posed, &shared.body.keypoints);
+        let mut residuals = [None; Joint::COUNT];
+        for ((slot, observed), &joint) in residuals.iter_mut().zip(&view.observed).zip(&joints) {
+            if camera.depth(joint) < MIN_DEPTH_MM {
+                return None;
+            }
+            *slot = observed.map(|o| (camera.project(joint) - o.position) / o.sigma_px);
+        }
+        Some(residuals)
+    }
+
+    /// The normal equations of one view; `rates` of the body, or none to hold what is shared
+    pub(super) fn normal(
+        &self,
+        view: &ViewData,
+        shared: &Shared,
+        rates: Option<&[ScaledFrame]>,
+        pose: &[f64; POSE_COUNT],
+        width: f64,
+    ) -> Normal {
+        let posed = pose_bones(&shared.body.heads, &shared.pose(pose), view.turn);
+        let joints = room_joints(&posed, &shared.body.keypoints);
+        let camera = shared.camera_of(view);
+        let jacobian = Jacobian {
+            pose_sigmas: Pose::prior_sigmas(),
+            shared_sigmas: self.shared_sigmas(),
+            motions: std::array::from_fn(|parameter| posed.motion(parameter)),
+            shifts: rates.map(|rates| {
+                rates
+                    .iter()
+                    .map(|rate| transform_rates(&posed, rate))
+                    .collect()
+            }),
+            rates,
+            free_posture: self.free_posture && rates.is_some(),
+            posed: &posed,
+            joints: &joints,
+        };
+        let columns = POSE_COUNT + rates.map_or(0, |_| self.shared_count()) + 1;
+        let mut rows = Mat::<f64>::zeros(2 * view.observed_count(), columns);
+        let mut row = 0;
+        for joint in Joint::ALL {
+            let Some(observed) = view.observed[joint as usize] else {
+                continue;
+            };
+            let point = joints[joint as usize];
+            let residual = (camera.project(point) - observed.position) / observed.sigma_px;
+            let weight = (1.0 + residual.length_squared() / (width * width))
+                .sqrt()
+                .recip();
+            let scale = weight / observed.sigma_px;
+            let gradients = camera.project_gradients(point).map(|g| g * scale);
+            for (part, share) in parts(joint) {
+                jacobian.add(&mut rows, row, part, gradients, share);
+            }
+            if rates.is_some() {
+                jacobian.add_camera(&mut rows, row, &camera, point, scale);
+            }
+            rows[(row, columns - 1)] = residual.x * weight;
+            rows[(row + 1, columns - 1)] = residual.y * weight;
+            row += 2;
+        }
+        Normal {
+            matrix: rows.transpose() * &rows,
+        }
+    }
+}
+
+/// Bodies nearer to the camera than this are no solution, in mm
+const MIN_DEPTH_MM: f64 = 100.0;
+
+fn half_square(unknowns: &[f64]) -> f64 {
+    unknowns.iter().map(|x| x * x).sum::<f64>() / 2.0
+}
+
+/// The joints whose mean a joint is, with their shares
+fn parts(joint: Joint) -> impl Iterator<Item = (Joint, f64)> {
+    let middle = MIDDLES.iter().find(|(middle, _)| *middle == joint);
+    let parts = match middle {
+        Some(&(_, [left, right])) => [Some((left, 0.5)), Some((right, 0.5))],
+        None => [Some((joint, 1.0)), None],
+    };
+    parts.into_iter().flatten()
+}
+
+/// Keypoints of the posed body in the room
+pub(super) fn room_joints(
+    posed: &PosedBones,
+    keypoints: &[DVec3; Joint::COUNT],
+) -> [DVec3; Joint::COUNT] {
+    let carry = |joint: Joint| posed.carry(joint.bone(), keypoints[joint as usize]);
+    Joint::ALL.map(|joint| parts(joint).map(|(part, share)| carry(part) * share).sum())
+}
+
+/// Rates of the bones' translations when the bone heads move at the given rates
+///
+/// From `x = T_parent(head + R (p - head))`: the rotations stay, and each head adds what the parent's
+/// rotation and the bone's own make of its rate.
+fn transform_rates(posed: &PosedBones, rate: &ScaledFrame) -> [DVec3; Bone::COUNT] {
+    let mut shifts = [DVec3::ZERO; Bone::COUNT];
+    for bone in Bone::ALL {
+        if let Some(parent) = bone.parent() {
+            let (b, p) = (bone as usize, parent as usize);
+            let head = rate.heads[b];
+            let [of_bone, of_parent] = [b, p].map(|i| posed.transforms[i].matrix3 * head);
+            shifts[b] = shifts[p] + of_parent - of_bone;
+        }
+    }
+    shifts
+}
+
+impl Shared {
+    /// The pose that the unknowns of one view stand for: the posture and this view's sway
+    pub(super) fn pose(&self, unknowns: &[f64; POSE_COUNT]) -> Pose {
+        let sigmas = Pose::prior_sigmas();
+        let posture = self.posture.to_parameters();
+        Pose::from_parameters(&std::array::from_fn(|i| {
+            posture[i] + unknowns[i] * sigmas[i]
+        }))
+    }
+
+    /// How far each keypoint lies from its stretched place, in the reference pose
+    pub(super) fn keypoint_offsets(&self) -> [DVec3; Joint::COUNT] {
+        let mut offsets = [DVec3::ZERO; Joint::COUNT];
+        for (joint, offset) in OFFSET_JOINTS.iter().zip(self.offsets) {
+            offsets[*joint as usize] = offset;
+        }
+        offsets
+    }
+
+    /// The camera of one view
+    pub(super) fn camera_of(&self, view: &ViewData) -> Camera {
+        Camera {
+            width_px: view.width_px,
+            height_px: view.height_px,
+            ..self.camera
+        }
+    }
+}
+
+/// Writes rows of the Jacobian of one view
+struct Jacobian<'a> {
+    pose_sigmas: [f64; POSE_COUNT],
+    shared_sigmas: [f64; SHARED_COUNT],
+    motions: [Motion; POSE_COUNT],
+    /// For each scale, rates of the bones' translations
+    shifts: Option<Vec<[DVec3; Bone::COUNT]>>,
+    rates: Option<&'a [ScaledFrame]>,
+    free_posture: bool,
+    posed: &'a PosedBones,
+    joints: &'a [DVec3; Joint::COUNT],
+}
+
+impl Jacobian<'_> {
+    /// Adds `share` of the derivatives of one joint to two rows; `gradients` of the rows by the room point
+    fn add(
+        &self,
+        rows: &mut Mat<f64>,
+        row: usize,
+        joint: Joint,
+        gradients: [DVec3; 2],
+        share: f64,
+    ) {
+        let mut put = |column: usize, velocity: DVec3| {
+            for (i, gradient) in gradients.iter().enumerate() {
+                rows[(row + i, column)] += gradient.dot(velocity) * share;
+            }
+        };
+        let bone = joint.bone();
+        let point = self.joints[joint as usize];
+        let mut ancestor = Some(bone);
+        while let Some(moving) = ancestor {
+            let posture = POSTURE_BONES.iter().position(|&(bone, _)| bone == moving);
+            for k in 0..3 {
+                let parameter = 3 * moving as usize + k;
+                let velocity = self.motions[parameter].velocity(point);
+                put(parameter, velocity * self.pose_sigmas[parameter]);
+                if let (Some(posture), true) = (posture, self.free_posture) {
+                    let i = POSTURE_START + 3 * posture + k;
+                    put(POSE_COUNT + i, velocity * self.shared_sigmas[i]);
+                }
+            }
+            ancestor = moving.parent();
+        }
+        for parameter in 3 * Bone::COUNT..POSE_COUNT {
+            let velocity = self.motions[parameter].velocity(point);
+            put(parameter, velocity * self.pose_sigmas[parameter]);
+        }
+        let (Some(rates), Some(shifts)) = (self.rates, &self.shifts) else {
+            return;
+        };
+        let rotation = self.posed.transforms[bone as usize].matrix3;
+        for (i, (rate, shift)) in rates.iter().zip(shifts).enumerate() {
+            let velocity = rotation * rate.keypoints[joint as usize] + shift[bone as usize];
+            put(POSE_COUNT + i, velocity * self.shared_sigmas[i]);
+        }
+        if let Some(offset) = OFFSET_JOINTS.iter().position(|&j| j == joint) {
+            for (k, axis) in [rotation.x_axis, rotation.y_axis, rotation.z_axis]
+                .into_iter()
+                .enumerate()
+            {
+                let i = OFFSET_START + 3 * offset + k;
+                put(POSE_COUNT + i, axis * self.shared_sigmas[i]);
+            }
+        }
+    }
+
+    /// Writes the derivatives of one joint by distance, height, pitch and logarithm of the focal length
+    fn add_camera(
+        &self,
+        rows: &mut Mat<f64>,
+        row: usize,
+        camera: &Camera,
+        point: DVec3,
+        scale: f64,
+    ) {
+        let [to_x, to_y] = camera.project_gradients(point);
+        let view = camera.view_from_room(point);
+        let (x, y) = (view.x / view.z, view.y / view.z);
+        let focal = camera.focal_px();
+        let rates = [
+            DVec2::new(-to_x.z, -to_y.z),
+            DVec2::new(-to_x.y, -to_y.y),
+            DVec2::new(-x * y, -(1.0 + y * y)) * focal,
+            DVec2::new(x, y) * focal,
+        ];
+        for (i, rate) in rates.into_iter().enumerate() {
+            let column = POSE_COUNT + CAMERA_START + i;
+            let unit = self.shared_sigmas[CAMERA_START + i] * scale;
+            rows[(row, column)] = rate.x * unit;
+            rows[(row + 1, column)] = rate.y * unit;
+        }
+    }
+}

@@ -1,0 +1,280 @@
+//! Bone lengths of one person: nine scales that stretch the reference figure along its bones.
+//!
+//! Every bone stretches what hangs on it relative to its own head: the heads of its children, its keypoints
+//! and, blended by the skinning weights, the surface. The trunk stretches along y with the torso and along x
+//! with the shoulders or the hips; arms and legs stretch along themselves; hands keep their size.
+
+use glam::{DMat3, DVec3};
+
+use pirouette_body::Avatar;
+use pirouette_body::SkinWeight;
+use pirouette_body::{Bone, Joint};
+
+/// A length of the body that is estimated; left and right limbs share it
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[repr(u8)]
+#[allow(missing_docs, reason = "the names say it")]
+pub enum Scale {
+    Torso,
+    ShoulderWidth,
+    HipWidth,
+    UpperArm,
+    Forearm,
+    Thigh,
+    Shin,
+    /// Neck and head, upward
+    Neck,
+    /// Foot, forward
+    Foot,
+}
+
+impl Scale {
+    /// Number of scales
+    pub const COUNT: usize = 9;
+
+    /// All scales
+    pub const ALL: [Scale; Scale::COUNT] = [
+        Scale::Torso,
+        Scale::ShoulderWidth,
+        Scale::HipWidth,
+        Scale::UpperArm,
+        Scale::Forearm,
+        Scale::Thigh,
+        Scale::Shin,
+        Scale::Neck,
+        Scale::Foot,
+    ];
+
+    /// Name in files, in snake case
+    pub fn name(self) -> &'static str {
+        match self {
+            Scale::Torso => "torso",
+            Scale::ShoulderWidth => "shoulder_width",
+            Scale::HipWidth => "hip_width",
+            Scale::UpperArm => "upper_arm",
+            Scale::Forearm => "forearm",
+            Scale::Thigh => "thigh",
+            Scale::Shin => "shin",
+            Scale::Neck => "neck",
+            Scale::Foot => "foot",
+        }
+    }
+}
+
+/// Natural logarithms of the nine scales; zero is the reference figure
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Scales {
+    /// In the order of [`Scale::ALL`]
+    pub logs: [f64; Scale::COUNT],
+}
+
+impl Scales {
+    /// The factor of one length
+    pub fn factor(&self, scale: Scale) -> f64 {
+        self.logs[scale as usize].exp()
+    }
+}
+
+/// The linear map of one bone: identity plus `(factor - 1)` times a projection for each of its scales
+#[derive(Debug, Clone, Copy)]
+struct Stretch {
+    parts: [Option<(Scale, DMat3)>; 2],
+}
+
+impl Stretch {
+    fn of(bone: Bone, heads: &[DVec3; Bone::COUNT]) -> Self {
+        let x = DMat3::from_diagonal(DVec3::X);
+        let y = DMat3::from_diagonal(DVec3::Y);
+        let z = DMat3::from_diagonal(DVec3::Z);
+        let along = |child: Bone| {
+            let d = (heads[child as usize] - heads[bone as usize]).normalize_or_zero();
+            DMat3::from_cols(d * d.x, d * d.y, d * d.z)
+        };
+        let parts = match bone {
+            Bone::Root | Bone::LowerSpine => [Some((Scale::HipWidth, x)), Some((Scale::Torso, y))],
+            Bone::UpperSpine | Bone::LeftClavicle | Bone::RightClavicle => {
+                [Some((Scale::ShoulderWidth, x)), Some((Scale::Torso, y))]
+            }
+            Bone::Neck | Bone::Head => [Some((Scale::Neck, y)), None],
+            Bone::LeftUpperArm => [Some((Scale::UpperArm, along(Bone::LeftForearm))), None],
+            Bone::RightUpperArm => [Some((Scale::UpperArm, along(Bone::RightForearm))), None],
+            Bone::LeftForearm => [Some((Scale::Forearm, along(Bone::LeftHand))), None],
+            Bone::RightForearm => [Some((Scale::Forearm, along(Bone::RightHand))), None],
+            Bone::LeftHand | Bone::RightHand => [None, None],
+            Bone::LeftThigh => [Some((Scale::Thigh, along(Bone::LeftShin))), None],
+            Bone::RightThigh => [Some((Scale::Thigh, along(Bone::RightShin))), None],
+            Bone::LeftShin => [Some((Scale::Shin, along(Bone::LeftFoot))), None],
+            Bone::RightShin => [Some((Scale::Shin, along(Bone::RightFoot))), None],
+            Bone::LeftFoot | Bone::RightFoot => [Some((Scale::Foot, z)), None],
+        };
+        Self { parts }
+    }
+
+    fn matrix(&self, scales: &Scales) -> DMat3 {
+        self.parts
+            .iter()
+            .flatten()
+            .fold(DMat3::IDENTITY, |sum, &(scale, projection)| {
+                sum + projection * (scales.factor(scale) - 1.0)
+            })
+    }
+
+    fn rate(&self, scales: &Scales, by: Scale) -> DMat3 {
+        self.parts
+            .iter()
+            .flatten()
+            .filter(|part| part.0 == by)
+            .fold(DMat3::ZERO, |sum, &(scale, projection)| {
+                sum + projection * scales.factor(scale)
+            })
+    }
+}
+
+/// What the scales move: bone heads, keypoints, and one vertex each of the crown and of the soles
+///
+/// The crown vertex and the sole vertex stand for the stature and for the floor while the scales are
+/// solved for; the finished surface is put on the floor by its own lowest vertex.
+#[derive(Debug, Clone)]
+pub(super) struct Frame {
+    heads: [DVec3; Bone::COUNT],
+    keypoints: [DVec3; Joint::COUNT],
+    stretches: [Stretch; Bone::COUNT],
+    crown: (DVec3, SkinWeight),
+    sole: (DVec3, SkinWeight),
+}
+
+/// The figure's frame with some scales applied, on the floor, the axis where the avatar has it
+#[derive(Debug, Clone)]
+pub(super) struct ScaledFrame {
+    pub(super) heads: [DVec3; Bone::COUNT],
+    pub(super) keypoints: [DVec3; Joint::COUNT],
+    pub(super) stature_mm: f64,
+}
+
+impl Frame {
+    /// `None` for an avatar without vertices
+    pub(super) fn new(avatar: &Avatar) -> Option<Self> {
+        let vertices = || avatar.mesh.positions.iter().zip(&avatar.weights);
+        let (&crown, &crown_weight) = vertices().max_by(|a, b| a.0.y.total_cmp(&b.0.y))?;
+        let (&sole, &sole_weight) = vertices().min_by(|a, b| a.0.y.total_cmp(&b.0.y))?;
+        let heads = avatar.bone_heads;
+        Some(Self {
+            heads,
+            keypoints: avatar.keypoints,
+            stretches: Bone::ALL.map(|bone| Stretch::of(bone, &heads)),
+            crown: (crown, crown_weight),
+            sole: (sole, sole_weight),
+        })
+    }
+
+    /// The frame with these scales
+    pub(super) fn scaled(&self, scales: &Scales) -> ScaledFrame {
+        let matrices = self.stretches.map(|stretch| stretch.matrix(scales));
+        self.assemble(&Stretched::new(&self.heads, matrices, self.heads[0]))
+    }
+
+    /// Rates of everything in [`Frame::scaled`] by one logarithmic scale
+    pub(super) fn rate(&self, scales: &Scales, by: Scale) -> ScaledFrame {
+        let matrices = self.stretches.map(|stretch| stretch.rate(scales, by));
+        self.assemble(&Stretched::new(&self.heads, matrices, DVec3::ZERO))
+    }
+
+    /// The frame is linear in the bones' matrices, so that one function serves for values and for rates
+    fn assemble(&self, stretched: &Stretched) -> ScaledFrame {
+        let crown = stretched.blend(self.crown.0, &self.crown.1);
+        let sole = stretched.blend(self.sole.0, &self.sole.1);
+        let origin = stretched.floor_origin(sole.y);
+        ScaledFrame {
+            heads: stretched.heads.map(|head| head - origin),
+            keypoints: stretched.keypoints(&self.keypoints).map(|k| k - origin),
+            stature_mm: crown.y - sole.y,
+        }
+    }
+}
+
+/// Bones after stretching: points hang on the new heads by the bones' matrices
+struct Stretched<'a> {
+    rest: &'a [DVec3; Bone::COUNT],
+    matrices: [DMat3; Bone::COUNT],
+    heads: [DVec3; Bone::COUNT],
+}
+
+impl<'a> Stretched<'a> {
+    fn new(rest: &'a [DVec3; Bone::COUNT], matrices: [DMat3; Bone::COUNT], root: DVec3) -> Self {
+        let mut heads = [root; Bone::COUNT];
+        for bone in Bone::ALL {
+            if let Some(parent) = bone.parent() {
+                let (b, p) = (bone as usize, parent as usize);
+                heads[b] = heads[p] + matrices[p] * (rest[b] - rest[p]);
+            }
+        }
+        Self {
+            rest,
+            matrices,
+            heads,
+        }
+    }
+
+    fn carry(&self, bone: Bone, point: DVec3) -> DVec3 {
+        let b = bone as usize;
+        self.heads[b] + self.matrices[b] * (point - self.rest[b])
+    }
+
+    fn blend(&self, point: DVec3, weight: &SkinWeight) -> DVec3 {
+        weight
+            .iter()
+            .map(|(bone, w)| self.carry(bone, point) * w)
+            .sum()
+    }
+
+    fn keypoints(&self, rest: &[DVec3; Joint::COUNT]) -> [DVec3; Joint::COUNT] {
+        let mut keypoints = Joint::ALL.map(|j| self.carry(j.bone(), rest[j as usize]));
+        set_middles(&mut keypoints);
+        keypoints
+    }
+
+    /// The point that becomes the origin: on the floor, in x between the ankles; in z the axis stays where the
+    /// avatar has it, because the hips do
+    ///
+    /// Seen from the side, an axis a few mm off moves the reference view by pixels, to the right in one profile and
+    /// to the left in the other, and silhouettes normalized to it no longer agree.
+    fn floor_origin(&self, floor: f64) -> DVec3 {
+        let [left, right] = [Bone::LeftFoot, Bone::RightFoot].map(|b| self.heads[b as usize]);
+        DVec3::new((left.x + right.x) / 2.0, floor, 0.0)
+    }
+}
+
+/// The neck is the middle of the shoulders, the mid hip the middle of the hips
+fn set_middles(keypoints: &mut [DVec3; Joint::COUNT]) {
+    for (middle, [left, right]) in MIDDLES {
+        keypoints[middle as usize] = (keypoints[left as usize] + keypoints[right as usize]) / 2.0;
+    }
+}
+
+/// Keypoints that detectors place in the middle of two others
+pub(super) const MIDDLES: [(Joint, [Joint; 2]); 2] = [
+    (Joint::Neck, [Joint::LeftShoulder, Joint::RightShoulder]),
+    (Joint::MidHip, [Joint::LeftHip, Joint::RightHip]),
+];
+
+/// Stretches a figure along its bones
+///
+/// Joints move, the surface follows by its skinning weights, vertices keep their order, so tape loops and
+/// landmarks hold. The result stands on y = 0 with the turning axis as far behind the hips as it was.
+pub fn rescale_avatar(avatar: &Avatar, scales: &Scales) -> Avatar {
+    let rest = &avatar.bone_heads;
+    let matrices = Bone::ALL.map(|bone| Stretch::of(bone, rest).matrix(scales));
+    let stretched = Stretched::new(rest, matrices, rest[Bone::Root as usize]);
+    let mut scaled = avatar.clone();
+    for (point, weight) in scaled.mesh.positions.iter_mut().zip(&avatar.weights) {
+        *point = stretched.blend(*point, weight);
+    }
+    let floor = scaled.mesh.bounds().map_or(0.0, |(lowest, _)| lowest.y);
+    let origin = stretched.floor_origin(floor);
+    for point in &mut scaled.mesh.positions {
+        *point -= origin;
+    }
+    scaled.bone_heads = stretched.heads.map(|head| head - origin);
+    scaled.keypoints = stretched.keypoints(&avatar.keypoints).map(|k| k - origin);
+    scaled
+}

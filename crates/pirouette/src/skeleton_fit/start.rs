@@ -1,0 +1,196 @@
+//! Where the solution starts: cleaned keypoints, their uncertainty, and the camera's distance.
+
+use glam::DVec2;
+
+use super::model::{CameraPrior, Observed, ViewData};
+use super::{BundleError, BundleOptions, BundleView, BundleWarning};
+use crate::scan::CameraSetup;
+use pirouette_body::Avatar;
+use pirouette_body::{Joint, Keypoint, Keypoints};
+
+/// Standard deviation of a confident keypoint, in px at [`NOMINAL_STATURE_PX`]
+const CONFIDENT_SIGMA_PX: f64 = 3.0;
+
+/// Standard deviation of a doubtful keypoint, mostly one of a hidden limb, in px at [`NOMINAL_STATURE_PX`]
+const DOUBTFUL_SIGMA_PX: f64 = 8.0;
+
+/// Keypoints above this confidence (0 to 1) are confident
+///
+/// Joints hidden by the body itself get less from detectors.
+const CONFIDENT: f64 = 0.68;
+
+/// Height of the person in the photos for which the deviations are given, in px
+const NOMINAL_STATURE_PX: f64 = 800.0;
+
+/// Vertical field of view when nothing tells it: an upright photo of a phone's main camera lies near
+const USUAL_VERTICAL_FOV_DEGREES: f64 = 50.0;
+
+/// Uncertainty of the logarithm of the focal length when nothing tells it
+const UNKNOWN_LOG_FOCAL_SIGMA: f64 = 0.15;
+
+/// Prior standard deviation of the distance around its start, in mm
+const DISTANCE_SIGMA_MM: f64 = 300.0;
+
+/// Standard deviation of a distance that was measured, in mm
+const GIVEN_DISTANCE_SIGMA_MM: f64 = 10.0;
+
+/// Height of a camera that nobody measured, as a part of the stature, and its deviation in mm
+const USUAL_CAMERA_HEIGHT: f64 = 0.55;
+const HEIGHT_SIGMA_MM: f64 = 250.0;
+
+/// The camera is at least this many statures away: an outstretched arm must stay before it
+const MIN_DISTANCE_PER_STATURE: f64 = 0.75;
+
+/// Two joints tell the scale of a photo when their heights differ by this part of the stature
+const MIN_RISE_PER_STATURE: f64 = 0.15;
+
+/// Joints that all views together must have
+pub(super) const MIN_JOINTS: usize = 6;
+
+/// The start of a bundle
+#[derive(Debug)]
+pub(super) struct Start {
+    pub(super) views: Vec<ViewData>,
+    pub(super) camera: CameraPrior,
+}
+
+/// Standard deviation of a keypoint in a photo in which the person is `stature_px` tall, in px
+pub(crate) fn keypoint_sigma_px(confidence: f64, stature_px: f64) -> f64 {
+    let nominal = if confidence > CONFIDENT {
+        CONFIDENT_SIGMA_PX
+    } else {
+        DOUBTFUL_SIGMA_PX
+    };
+    nominal * stature_px / NOMINAL_STATURE_PX
+}
+
+/// A keypoint that can be used: found, finite, and not farther from the photo than its own size
+fn usable(keypoints: &Keypoints, joint: Joint, width: f64, height: f64) -> Option<Keypoint> {
+    let keypoint = keypoints.found(joint)?;
+    let p = keypoint.position;
+    let inside = (-width..=2.0 * width).contains(&p.x) && (-height..=2.0 * height).contains(&p.y);
+    inside.then_some(keypoint)
+}
+
+/// Prepares views and camera; `avatar` has the person's stature
+pub(super) fn prepare(
+    avatar: &Avatar,
+    views: &[BundleView],
+    setup: &CameraSetup,
+    options: &BundleOptions,
+    warnings: &mut Vec<BundleWarning>,
+) -> Result<Start, BundleError> {
+    let found: Vec<[Option<Keypoint>; Joint::COUNT]> = views
+        .iter()
+        .map(|view| {
+            let (width, height) = (view.width_px as f64, view.height_px as f64);
+            Joint::ALL.map(|joint| usable(&view.keypoints, joint, width, height))
+        })
+        .collect();
+    let total: usize = found.iter().map(|f| f.iter().flatten().count()).sum();
+    if total == 0 {
+        return Err(BundleError::NoKeypoints { views: views.len() });
+    }
+    if total < MIN_JOINTS {
+        return Err(BundleError::TooFewJoints { found: total });
+    }
+    for (view, joints) in found.iter().enumerate() {
+        if joints.iter().flatten().next().is_none() {
+            warnings.push(BundleWarning::ViewWithoutKeypoints { view });
+        }
+    }
+
+    let stature_mm = avatar.stature_mm();
+    let known = |value: Option<f64>| value.filter(|v| v.is_finite());
+    let known_fov = known(setup.vertical_fov_radians).filter(|fov| (0.01..3.1).contains(fov));
+    let vertical_fov_radians = known_fov.unwrap_or(USUAL_VERTICAL_FOV_DEGREES.to_radians());
+    let focal_per_height = 0.5 / (vertical_fov_radians / 2.0).tan();
+
+    let mut distances: Vec<f64> = views
+        .iter()
+        .zip(&found)
+        .filter_map(|(view, joints)| {
+            let px_per_mm = scale_of_view(avatar, joints, MIN_RISE_PER_STATURE * stature_mm)?;
+            Some(focal_per_height * view.height_px as f64 / px_per_mm)
+        })
+        .collect();
+    let seen = median(&mut distances).map(|d| d.max(MIN_DISTANCE_PER_STATURE * stature_mm));
+    let given = known(setup.distance_mm).filter(|d| *d > 0.0);
+    let distance_mm = given.or(seen).ok_or(BundleError::NoScale)?;
+
+    let views = views
+        .iter()
+        .zip(found)
+        .map(|(view, joints)| {
+            let stature_px =
+                focal_per_height * view.height_px as f64 * stature_mm / seen.unwrap_or(distance_mm);
+            ViewData {
+                turn: view.turn,
+                width_px: view.width_px,
+                height_px: view.height_px,
+                observed: joints.map(|joint| {
+                    joint.map(|keypoint| Observed {
+                        position: keypoint.position,
+                        sigma_px: keypoint_sigma_px(keypoint.confidence, stature_px),
+                    })
+                }),
+            }
+        })
+        .collect();
+    let held = |value: Option<f64>, otherwise: (f64, f64)| value.map_or(otherwise, |v| (v, 0.0));
+    let camera = CameraPrior {
+        distance_mm: given.map_or((distance_mm, DISTANCE_SIGMA_MM), |d| {
+            (d, GIVEN_DISTANCE_SIGMA_MM)
+        }),
+        height_mm: held(
+            known(setup.height_mm),
+            (USUAL_CAMERA_HEIGHT * stature_mm, HEIGHT_SIGMA_MM),
+        ),
+        pitch_radians: held(
+            known(setup.pitch_radians),
+            (0.0, options.pitch_sigma_radians),
+        ),
+        vertical_fov_radians,
+        log_focal_sigma: known_fov.map_or(UNKNOWN_LOG_FOCAL_SIGMA, |_| 0.0),
+    };
+    Ok(Start { views, camera })
+}
+
+/// Pixels per millimeter of one view: the median slope of photo height over body height (Theil-Sen)
+///
+/// Arms move too much to tell.
+fn scale_of_view(
+    avatar: &Avatar,
+    joints: &[Option<Keypoint>; Joint::COUNT],
+    min_rise_mm: f64,
+) -> Option<f64> {
+    let points: Vec<DVec2> = Joint::ALL
+        .iter()
+        .filter(|joint| {
+            !matches!(
+                joint,
+                Joint::LeftElbow | Joint::RightElbow | Joint::LeftWrist | Joint::RightWrist
+            )
+        })
+        .filter_map(|&joint| {
+            let keypoint = joints[joint as usize]?;
+            let height_mm = avatar.keypoints[joint as usize].y;
+            Some(DVec2::new(height_mm, -keypoint.position.y))
+        })
+        .collect();
+    let mut slopes: Vec<f64> = (0..points.len())
+        .flat_map(|i| (0..i).map(move |j| (i, j)))
+        .map(|(i, j)| points[i] - points[j])
+        .filter(|rise| rise.x.abs() > min_rise_mm)
+        .map(|rise| rise.y / rise.x)
+        .collect();
+    median(&mut slopes).filter(|slope| slope.is_finite() && *slope > 0.0)
+}
+
+fn median(values: &mut [f64]) -> Option<f64> {
+    if values.is_empty() {
+        return None;
+    }
+    let middle = values.len() / 2;
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}

@@ -1,0 +1,217 @@
+//! Left and right mixed up by the detector: found by what the swap would explain.
+
+use rayon::prelude::*;
+
+use super::model::{POSE_COUNT, Problem, Shared, Unknowns, ViewData};
+use super::solve::{ROBUST_WIDTH, solve_view};
+use pirouette_body::{Bone, Joint, Keypoints};
+
+/// Joints whose left and right are mixed up together
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Limb {
+    /// Everything, as if the back were the front
+    Body,
+    /// Shoulders, elbows, wrists
+    Arms,
+    /// Elbows, wrists
+    Forearms,
+    /// Hips, knees, ankles, feet
+    Legs,
+    /// Knees, ankles, feet
+    Shins,
+    /// Ankles, feet
+    Feet,
+    /// Eyes, ears
+    Face,
+}
+
+impl Limb {
+    const ALL: [Limb; 7] = [
+        Limb::Body,
+        Limb::Arms,
+        Limb::Forearms,
+        Limb::Legs,
+        Limb::Shins,
+        Limb::Feet,
+        Limb::Face,
+    ];
+
+    /// Name in files, in snake case
+    pub fn name(self) -> &'static str {
+        match self {
+            Limb::Body => "body",
+            Limb::Arms => "arms",
+            Limb::Forearms => "forearms",
+            Limb::Legs => "legs",
+            Limb::Shins => "shins",
+            Limb::Feet => "feet",
+            Limb::Face => "face",
+        }
+    }
+
+    /// The left joints; each swaps with its mirror
+    fn left_joints(self) -> &'static [Joint] {
+        const BODY: [Joint; 11] = [
+            Joint::LeftShoulder,
+            Joint::LeftElbow,
+            Joint::LeftWrist,
+            Joint::LeftHip,
+            Joint::LeftKnee,
+            Joint::LeftAnkle,
+            Joint::LeftBigToe,
+            Joint::LeftSmallToe,
+            Joint::LeftHeel,
+            Joint::LeftEye,
+            Joint::LeftEar,
+        ];
+        match self {
+            Limb::Body => &BODY,
+            Limb::Arms => &BODY[..3],
+            Limb::Forearms => &BODY[1..3],
+            Limb::Legs => &BODY[3..9],
+            Limb::Shins => &BODY[4..9],
+            Limb::Feet => &BODY[5..9],
+            Limb::Face => &BODY[9..],
+        }
+    }
+
+    /// Exchanges left and right of this limb
+    pub fn swap(self, keypoints: &mut Keypoints) {
+        for &left in self.left_joints() {
+            let right = left.mirrored();
+            let (l, r) = (keypoints.get(left), keypoints.get(right));
+            keypoints.set(left, r);
+            keypoints.set(right, l);
+        }
+    }
+
+    fn swap_observed(self, view: &mut ViewData) {
+        for &left in self.left_joints() {
+            view.observed.swap(left as usize, left.mirrored() as usize);
+        }
+    }
+}
+
+/// A view is searched for swaps when one of its joints is off by more standard deviations than this
+const SUSPICIOUS_RESIDUAL: f64 = 5.0;
+
+/// A view is searched for swaps when one of its bones is turned by more prior deviations than this
+///
+/// An arm can also bend to where a swapped one was seen, and leave no residual.
+const SUSPICIOUS_ROTATION: f64 = 2.5;
+
+/// Logarithm of the likelihood ratio that a swap must gain
+///
+/// A swap moves at least four coordinates; this is far beyond what noise gains, and far below the
+/// hundreds that a mended arm of a front view gains.
+const CLEAR_GAIN: f64 = 12.0;
+
+/// Rounds of the pose for each tried swap
+const TRIAL_ROUNDS: usize = 8;
+
+/// A view has no more mixed-up limbs than this
+const MAX_SWAPS_PER_VIEW: usize = 3;
+
+/// Mends swapped limbs in the problem's views; returns which, and leaves the views' poses near their new solution
+pub(super) fn mend(
+    problem: &mut Problem,
+    shared: &Shared,
+    unknowns: &mut Unknowns,
+) -> Vec<(usize, Limb)> {
+    let fixed: &Problem = problem;
+    let mended: Vec<_> = fixed
+        .views
+        .par_iter()
+        .zip(&unknowns.poses)
+        .map(|(view, pose)| mend_view(fixed, view, shared, pose))
+        .collect();
+    let mut swaps = Vec::new();
+    for (index, (limbs, pose)) in mended.into_iter().enumerate() {
+        unknowns.poses[index] = pose;
+        for limb in limbs {
+            limb.swap_observed(&mut problem.views[index]);
+            swaps.push((index, limb));
+        }
+    }
+    swaps
+}
+
+/// The swapped limbs of one view, and its pose once they are mended
+fn mend_view(
+    problem: &Problem,
+    view: &ViewData,
+    shared: &Shared,
+    pose: &[f64; POSE_COUNT],
+) -> (Vec<Limb>, [f64; POSE_COUNT]) {
+    let (mut view, mut pose) = (view.clone(), *pose);
+    let mut limbs = Vec::new();
+    while limbs.len() < MAX_SWAPS_PER_VIEW {
+        let Some((limb, mended_pose)) = best_swap(problem, &view, shared, &pose) else {
+            break;
+        };
+        limb.swap_observed(&mut view);
+        pose = mended_pose;
+        limbs.push(limb);
+    }
+    (limbs, pose)
+}
+
+/// The limbs that something is wrong with
+fn suspicious_limbs(
+    problem: &Problem,
+    view: &ViewData,
+    shared: &Shared,
+    pose: &[f64; POSE_COUNT],
+) -> Vec<Limb> {
+    let Some(residuals) = problem.residuals(view, shared, pose) else {
+        return Vec::new();
+    };
+    let wrong = |joint: Joint| {
+        let bone = joint.bone() as usize;
+        let residual = residuals[joint as usize].map_or(0.0, |r| r.length());
+        let bend = pose[3 * bone..3 * bone + 3]
+            .iter()
+            .fold(0.0, |most: f64, x| most.max(x.abs()));
+        residual > SUSPICIOUS_RESIDUAL || bend > SUSPICIOUS_ROTATION
+    };
+    Limb::ALL
+        .into_iter()
+        .filter(|limb| {
+            limb.left_joints()
+                .iter()
+                .any(|&joint| wrong(joint) || wrong(joint.mirrored()))
+        })
+        .collect()
+}
+
+/// The swap that explains the view best, with the pose it leads to, when it gains clearly
+fn best_swap(
+    problem: &Problem,
+    view: &ViewData,
+    shared: &Shared,
+    pose: &[f64; POSE_COUNT],
+) -> Option<(Limb, [f64; POSE_COUNT])> {
+    let limbs = suspicious_limbs(problem, view, shared, pose);
+    if limbs.is_empty() {
+        return None;
+    }
+    let straight = straightened(pose);
+    let solve = |view: &ViewData| solve_view(problem, view, shared, &straight, TRIAL_ROUNDS);
+    let here = problem.view_cost(view, shared, pose, ROBUST_WIDTH);
+    let as_detected = solve(view).1.min(here);
+    let tried = limbs.into_iter().map(|limb| {
+        let mut swapped = view.clone();
+        limb.swap_observed(&mut swapped);
+        let (pose, cost) = solve(&swapped);
+        (limb, pose, cost)
+    });
+    let (limb, pose, cost) = tried.min_by(|a, b| a.2.total_cmp(&b.2))?;
+    (cost < as_detected - CLEAR_GAIN).then_some((limb, pose))
+}
+
+/// The same place and lean with all joints at rest
+fn straightened(pose: &[f64; POSE_COUNT]) -> [f64; POSE_COUNT] {
+    let mut straight = *pose;
+    straight[3..3 * Bone::COUNT].fill(0.0);
+    straight
+}
