@@ -95,37 +95,40 @@ fn silhouettes_to_normalized(c: &mut Criterion) {
 
 fn silhouettes_to_bodies(c: &mut Criterion) {
     let stages = Stages::new();
-    let (bundle, scan) = (&stages.bundle, &stages.synthetic.scan);
+    let (skeleton, scan) = (&stages.skeleton, &stages.synthetic.scan);
     let still = stages.still_silhouettes();
     c.bench_function("carve with surface", |b| b.iter(|| stages.carve(&still)));
     let outlines = far_outlines(&still);
     let views = stages.carve_views(&outlines);
     let options = CarveOptions::default();
     c.bench_function("carve outlines beside the figure", |b| {
-        b.iter(|| carve_beside_avatar(&views, &bundle.avatar, &options));
+        b.iter(|| carve_beside_avatar(&views, &skeleton.avatar, &options));
     });
 
-    let stature_mm = bundle.avatar.stature_mm();
-    let views: Vec<FitView> = (0..bundle.poses.len())
-        .map(|view| FitView {
-            silhouette: &stages.silhouettes[view].soft,
-            keypoints: &bundle.keypoints[view],
-            camera: bundle.cameras[view],
-            turn: bundle.turns[view],
-            pose: bundle.poses[view],
+    let stature_mm = skeleton.avatar.stature_mm();
+    let views: Vec<FitView> = stages
+        .views
+        .iter()
+        .zip(&stages.silhouettes)
+        .map(|(view, silhouette)| FitView {
+            silhouette: &silhouette.soft,
+            keypoints: &view.keypoints,
+            camera: view.camera,
+            turn: view.turn,
+            pose: view.pose,
             stature_mm,
         })
         .collect();
     let prior = FitPrior {
-        posture: bundle.posture,
+        posture: skeleton.posture,
         stature_mm: Some(stature_mm),
         ..FitPrior::default()
     };
     let options = FitOptions::default();
-    let fit = || fit_body(&bundle.avatar, &views, &prior, &options, &|| false);
+    let fit = || fit_body(&skeleton.avatar, &views, &prior, &options, &|| false);
     c.bench_function("fit the body", |b| b.iter(fit));
 
-    let fitted = fit();
+    let (fitted, fitted_views) = fit();
     let outlines: Vec<OutlineMap> = views
         .iter()
         .map(|view| OutlineMap::new(&view.silhouette.whole(), OutlineMap::NEAR_PX))
@@ -133,12 +136,12 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
     let views: Vec<MeasureView> = views
         .iter()
         .zip(&outlines)
-        .zip(&fitted.poses)
-        .map(|((view, outline), &pose)| MeasureView {
+        .zip(&fitted_views)
+        .map(|((view, outline), fitted)| MeasureView {
             outline,
             camera: view.camera,
             turn: view.turn,
-            pose,
+            pose: fitted.pose,
         })
         .collect();
     let input = MeasureInput {

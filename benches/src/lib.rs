@@ -9,13 +9,13 @@ use pirouette::normalize::{
     ContourSource, NormalizeMethod, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView,
     normalize, shared_skeleton_joints,
 };
+use pirouette::pipeline::render_priors;
 use pirouette::segment::{SegmentOptions, SegmentView, Silhouette, segment};
-use pirouette::skeleton_fit::{Bundle, BundleOptions, BundleView, bundle};
+use pirouette::skeleton_fit::{BundleOptions, BundleView, Skeleton, SkeletonView, bundle};
 use pirouette_body::Avatar;
 use pirouette_body::Joint;
 use pirouette_body::Sex;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
-use pirouette_body::pose_bones;
 use pirouette_body::render::SilhouetteMesh;
 use pirouette_geom::contour::{Contour, trace_outline};
 use pirouette_geom::outline_map::OutlineMap;
@@ -72,7 +72,9 @@ pub struct Stages {
     /// The reference figure
     pub avatar: Avatar,
     /// One skeleton for all views
-    pub bundle: Bundle,
+    pub skeleton: Skeleton,
+    /// The views as it explains them
+    pub views: Vec<SkeletonView>,
     /// Coverage of the figure posed like the person, per view
     pub priors: Vec<Mask>,
     /// The person in each photo
@@ -116,8 +118,8 @@ impl Stages {
             ..MannequinParameters::default()
         })
         .expect("a usual stature");
-        let bundle = find_skeleton(&avatar, &synthetic);
-        let priors = render_priors(&bundle);
+        let (skeleton, views) = find_skeleton(&avatar, &synthetic);
+        let priors = render_priors(&skeleton.avatar, &views, &|| ());
         let silhouettes: Vec<Silhouette> = {
             let views = segment_views(&synthetic, &priors);
             segment(&views, &SegmentOptions::default(), &|| false)
@@ -126,12 +128,11 @@ impl Stages {
                 .collect()
         };
         let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
-        let references: Vec<ReferenceView> = bundle
-            .turns
+        let references: Vec<ReferenceView> = views
             .iter()
-            .zip(&bundle.cameras)
-            .map(|(&turn, camera)| {
-                ReferenceView::render(&avatar, &mesh, turn, camera, NormalizeMethod::ThreeStep)
+            .map(|view| {
+                let method = NormalizeMethod::ThreeStep;
+                ReferenceView::render(&avatar, &mesh, view.turn, &view.camera, method)
             })
             .collect();
         let options = NormalizeOptions {
@@ -141,14 +142,15 @@ impl Stages {
         };
         let aligned = (0..silhouettes.len())
             .map(|view| {
-                let view = normalize_view(&silhouettes, &bundle, &references, view);
+                let view = normalize_view(&silhouettes, &views, &references, view);
                 normalize(&view, &options).expect("the rendered person is normalized")
             })
             .collect();
         Self {
             synthetic,
             avatar,
-            bundle,
+            skeleton,
+            views,
             priors,
             silhouettes,
             references,
@@ -163,7 +165,7 @@ impl Stages {
 
     /// What normalization takes
     pub fn normalize_view(&self, view: usize) -> NormalizeView<'_> {
-        normalize_view(&self.silhouettes, &self.bundle, &self.references, view)
+        normalize_view(&self.silhouettes, &self.views, &self.references, view)
     }
 
     /// Exact silhouettes of the person standing still
@@ -218,10 +220,10 @@ impl Stages {
             hole: contour.hole,
         });
         let joints = shared_skeleton_joints(
-            &self.bundle.avatar,
-            &self.bundle.poses[view],
-            self.bundle.turns[view],
-            &self.bundle.cameras[view],
+            &self.skeleton.avatar,
+            &self.views[view].pose,
+            self.views[view].turn,
+            &self.views[view].camera,
         );
         let known = |joints: [DVec2; Joint::COUNT]| joints.map(Some);
         let spread = handles(&known(joints.photo), &known(joints.reference), |_| true);
@@ -308,7 +310,7 @@ pub fn far_outlines(silhouettes: &[Grid<f32>]) -> Vec<OutlineMap> {
 ///
 /// # Panics
 /// When the keypoints of the rendered person do not do.
-pub fn find_skeleton(avatar: &Avatar, synthetic: &SyntheticScan) -> Bundle {
+pub fn find_skeleton(avatar: &Avatar, synthetic: &SyntheticScan) -> (Skeleton, Vec<SkeletonView>) {
     let scan = &synthetic.scan;
     let views: Vec<BundleView> = scan
         .views
@@ -322,19 +324,6 @@ pub fn find_skeleton(avatar: &Avatar, synthetic: &SyntheticScan) -> Bundle {
         .collect();
     let options = BundleOptions::default();
     bundle(avatar, &views, &scan.camera, scan.stature_mm, &options).expect("a skeleton")
-}
-
-fn render_priors(bundle: &Bundle) -> Vec<Mask> {
-    let avatar = &bundle.avatar;
-    let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
-    (0..bundle.poses.len())
-        .map(|view| {
-            let posed = pose_bones(&avatar.bone_heads, &bundle.poses[view], bundle.turns[view]);
-            let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
-            let coverage = mesh.silhouette(&positions, &bundle.cameras[view]);
-            coverage.threshold(0.5)
-        })
-        .collect()
 }
 
 fn segment_views<'a>(synthetic: &'a SyntheticScan, priors: &'a [Mask]) -> Vec<SegmentView<'a>> {
@@ -354,14 +343,14 @@ fn segment_views<'a>(synthetic: &'a SyntheticScan, priors: &'a [Mask]) -> Vec<Se
 
 fn normalize_view<'a>(
     silhouettes: &'a [Silhouette],
-    bundle: &'a Bundle,
+    views: &'a [SkeletonView],
     references: &'a [ReferenceView],
     view: usize,
 ) -> NormalizeView<'a> {
     NormalizeView {
         mask: &silhouettes[view].mask,
         soft: &silhouettes[view].soft,
-        keypoints: &bundle.keypoints[view],
+        keypoints: &views[view].keypoints,
         skeleton: None,
         outline: None,
         reference: &references[view],

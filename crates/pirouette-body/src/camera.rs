@@ -23,6 +23,15 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// The same camera for photos of another camera's size
+    pub fn with_size_of(self, other: &Self) -> Self {
+        Self {
+            width_px: other.width_px,
+            height_px: other.height_px,
+            ..self
+        }
+    }
+
     /// Focal length in pixels
     pub fn focal_px(&self) -> f64 {
         self.height_px as f64 / (2.0 * (self.vertical_fov_radians / 2.0).tan())

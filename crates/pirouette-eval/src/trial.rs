@@ -117,7 +117,7 @@ fn score(person: &Person, truth: &Truth, report: &Report) -> Score {
             Some(100.0 * (measurements.value_mm(girth)? / true_mm - 1.0))
         });
     }
-    let view = |index: usize| report.views.iter().find(|view| view.index == index);
+    let view = |index: usize| report.views.iter().find(|view| view.id.0 == index);
     let overlaps = truth
         .silhouettes
         .iter()

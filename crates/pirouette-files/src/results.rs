@@ -23,12 +23,13 @@ use crate::scan_folder::LoadedScan;
 use crate::sink::{WriteError, make_folder, write_whole};
 use crate::warning::Warning;
 use pirouette::normalize::{JointPositions, LimbRefinement, Registration};
-use pirouette::pipeline::{Goal, Method, Report, ViewReport};
+use pirouette::pipeline::{Goal, Method, Report};
 use pirouette::scan::{Photo, View};
 use pirouette::sizes::{Chart, advise_person};
-use pirouette::skeleton_fit::{Bundle, Scale};
-use pirouette_body::ReferencePose;
+use pirouette::skeleton_fit::{Scale, Skeleton};
+use pirouette::view::SolvedView;
 use pirouette_body::{Bone, Joint};
+use pirouette_body::{Camera, ReferencePose};
 
 /// Why results could not be written
 #[derive(Debug, Error)]
@@ -181,10 +182,10 @@ fn write_view(
     folder: &Path,
     loaded: &LoadedScan,
     report: &Report,
-    found: &ViewReport,
+    found: &SolvedView,
     with_page: bool,
 ) -> Result<Option<Vec<u8>>, ResultError> {
-    let view = &loaded.scan.views[found.index];
+    let view = &loaded.scan.views[found.id.0];
     let folder = folder.join("views").join(&view.name);
     make_folder(&folder)?;
     let silhouette = &found.silhouette;
@@ -192,7 +193,7 @@ fn write_view(
         let mask = resample_mask(&silhouette.soft.whole(), width, height, 0.5);
         // What was found in a smaller copy of the photo ends where the photo itself says.
         let found_here = silhouette.seeds.is_some();
-        let photo = found_here.then(|| loaded.whole_photo(found.index));
+        let photo = found_here.then(|| loaded.whole_photo(found.id.0));
         match photo.flatten() {
             Some(photo) => sharpen(&photo, &mask),
             None => mask,
@@ -208,7 +209,7 @@ fn write_view(
     let overlay = draw_overlay(view, report, found);
     let file = folder.join("overlay.jpg");
     write_whole(&file, &as_jpeg(&file, &overlay)?)?;
-    let value = view_value(view, report, found);
+    let value = view_value(view, found);
     write_json(&folder.join("view.json"), &value)?;
     let for_page = with_page.then(|| as_jpeg(&file, &shrink(overlay, PAGE_OVERLAY_PX)));
     for_page.transpose()
@@ -252,12 +253,12 @@ fn page<'a>(
         residuals: None,
         views: views
             .map(|(found, overlay)| PageView {
-                name: &scan.views[found.index].name,
-                turn_degrees: scan.views[found.index].turn.degrees(),
+                name: &scan.views[found.id.0].name,
+                turn_degrees: scan.views[found.id.0].turn.degrees(),
                 overlay,
             })
             .collect(),
-        camera: report.bundle.as_ref().and_then(|b| b.cameras.first()),
+        camera: report.skeleton.as_ref().map(|skeleton| &skeleton.camera),
         seconds: std::iter::once(("load", load_seconds))
             .chain(seconds.map(|(stage, time)| (stage.name(), *time)))
             .collect(),
@@ -311,7 +312,7 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
         .iter()
         .enumerate()
         .map(|(index, view)| {
-            let dropped = report.dropped.iter().find(|d| d.index == index);
+            let dropped = report.dropped.iter().find(|d| d.id.0 == index);
             let failure = dropped.map(|d| (d.stage.name(), d.reason.to_string()));
             view_entry(&view.name, view.turn.degrees(), failure)
         })
@@ -343,14 +344,14 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
         "warnings": warnings,
         "seconds": seconds,
     });
-    if let Some(bundle) = &report.bundle {
-        value["camera"] = camera_value(bundle);
-        value["skeleton"] = skeleton_value(bundle, &loaded.scan.views);
+    if let Some(skeleton) = &report.skeleton {
+        value["camera"] = camera_value(&skeleton.camera);
+        value["skeleton"] = skeleton_value(skeleton, &loaded.scan.views);
     }
     if let Some(fit) = &report.fit {
         value["fit"] = json!({
             "residual_px": rounded(fit.residual_px, 3),
-            "silhouette_iou": fit.mean_iou().map(|iou| rounded(iou, 4)),
+            "silhouette_iou": report.mean_fit_iou().map(|iou| rounded(iou, 4)),
         });
         if let Some(start) = &report.start {
             value["fit"]["start"] = json!({
@@ -396,10 +397,7 @@ pub fn goal_name(goal: Goal) -> &'static str {
     }
 }
 
-fn camera_value(bundle: &Bundle) -> Value {
-    let Some(camera) = bundle.cameras.first() else {
-        return Value::Null;
-    };
+fn camera_value(camera: &Camera) -> Value {
     json!({
         "vertical_fov_deg": rounded(camera.vertical_fov_radians.to_degrees(), 3),
         "height_mm": rounded(camera.height_mm, 1),
@@ -408,19 +406,19 @@ fn camera_value(bundle: &Bundle) -> Value {
     })
 }
 
-fn skeleton_value(bundle: &Bundle, views: &[View]) -> Value {
+fn skeleton_value(skeleton: &Skeleton, views: &[View]) -> Value {
     let scales = Scale::ALL
         .iter()
         .map(|&scale| {
-            let factor = bundle.scales.factor(scale);
+            let factor = skeleton.scales.factor(scale);
             (scale.name().to_owned(), rounded(factor, 4))
         })
         .collect::<Map<_, _>>();
-    let mended = bundle
+    let mended = skeleton
         .swaps
         .iter()
         .map(|(view, limb)| json!({ "view": views[*view].name, "swapped_back": limb.name() }));
-    let outliers = bundle.outliers.iter().map(|outlier| {
+    let outliers = skeleton.outliers.iter().map(|outlier| {
         json!({
             "view": views[outlier.view].name,
             "joint": outlier.joint.name(),
@@ -428,18 +426,18 @@ fn skeleton_value(bundle: &Bundle, views: &[View]) -> Value {
         })
     });
     json!({
-        "rms_px": rounded(bundle.rms_px, 2),
+        "rms_px": rounded(skeleton.rms_px, 2),
         "bone_scales": scales,
         "turns": {
-            "reversed": bundle.turn_correction.reversed,
-            "offset_deg": rounded(bundle.turn_correction.offset.degrees(), 2),
+            "reversed": skeleton.turn_correction.reversed,
+            "offset_deg": rounded(skeleton.turn_correction.offset.degrees(), 2),
         },
         "mended": mended.collect::<Vec<_>>(),
         "outliers": outliers.collect::<Vec<_>>(),
     })
 }
 
-fn view_value(view: &View, report: &Report, found: &ViewReport) -> Value {
+fn view_value(view: &View, found: &SolvedView) -> Value {
     let (width, height) = view.input_size_px;
     // Everything inside is in px of the photo that was worked on.
     let scale = DVec2::new(
@@ -482,14 +480,13 @@ fn view_value(view: &View, report: &Report, found: &ViewReport) -> Value {
         value["limbs"] = Value::Object(limbs.collect());
         value["reference_iou"] = rounded(normalized.reference_iou, 4);
     }
-    let fitted = report.fit.as_ref().and_then(|fit| {
-        let place = report.views.iter().position(|v| v.index == found.index)?;
-        Some((fit.poses.get(place)?, fit.silhouette_ious.get(place)?))
-    });
+    let fitted = found
+        .fit
+        .and_then(|fit| Some((fit.pose, fit.silhouette_iou?)));
     if let Some((_, iou)) = fitted {
-        value["fit_iou"] = rounded(*iou, 4);
+        value["fit_iou"] = rounded(iou, 4);
     }
-    let by_keypoints = || report.bundle.as_ref()?.poses.get(found.index);
+    let by_keypoints = || found.skeleton.map(|skeleton| skeleton.pose);
     if let Some(pose) = fitted.map(|(pose, _)| pose).or_else(by_keypoints) {
         let rotations = Bone::ALL
             .iter()

@@ -3,11 +3,11 @@
 use rayon::prelude::*;
 
 use crate::body_fit::{FitOptions, FitPrior, FitView, Outlines, fit_outlines, rigid_residual};
-use crate::pipeline::{AvatarSource, Config, Method, PipelineError, ViewReport};
+use crate::pipeline::{AvatarSource, Config, Method, PipelineError};
 use crate::scan::{CameraSetup, Scan};
-use crate::skeleton_fit::{Bundle, BundleError, BundleOptions, BundleView, bundle};
+use crate::skeleton_fit::{BundleError, BundleOptions, BundleView, Skeleton, bundle};
+use crate::view::SolvedView;
 use pirouette_body::Avatar;
-use pirouette_body::Camera;
 use pirouette_body::Pose;
 use pirouette_body::Sex;
 use pirouette_body::mannequin::{MannequinParameters, mannequin, sketch};
@@ -51,8 +51,7 @@ pub struct StartFigure {
 
 /// The views of a fit that starts from some poses
 pub(crate) fn fit_views<'a>(
-    bundle: &'a Bundle,
-    views: &'a [ViewReport],
+    views: &'a [SolvedView],
     poses: &[Pose],
     stature_mm: f64,
 ) -> Vec<FitView<'a>> {
@@ -61,9 +60,9 @@ pub(crate) fn fit_views<'a>(
         .zip(poses)
         .map(|(view, &pose)| FitView {
             silhouette: &view.silhouette.soft,
-            keypoints: &bundle.keypoints[view.index],
-            camera: bundle.cameras[view.index],
-            turn: bundle.turns[view.index],
+            keypoints: &view.skeleton().keypoints,
+            camera: view.skeleton().camera,
+            turn: view.skeleton().turn,
             pose,
             stature_mm,
         })
@@ -81,13 +80,13 @@ pub(crate) fn fit_views<'a>(
 /// When there is no mannequin of that stature at all.
 pub(crate) fn choose_start(
     scan: &Scan,
-    bundle: &Bundle,
-    views: &[ViewReport],
+    skeleton: &Skeleton,
+    views: &[SolvedView],
     outlines: &Outlines,
     stature_mm: f64,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<Start, PipelineError> {
-    let posed = |figure: &Avatar| pose_figure(scan, bundle, views, figure, stature_mm);
+    let posed = |figure: &Avatar| pose_figure(scan, skeleton, views, figure, stature_mm);
     let of = |sex, mass_kg| MannequinParameters {
         sex,
         mass_kg,
@@ -96,9 +95,9 @@ pub(crate) fn choose_start(
         ..MannequinParameters::default()
     };
     let (avatar, posture, poses) = posed(&sketch(&of(Sex::Neutral, None))?)?;
-    let rough = fit_outlines(
+    let (rough, _) = fit_outlines(
         &avatar,
-        &fit_views(bundle, views, &poses, stature_mm),
+        &fit_views(views, &poses, stature_mm),
         outlines,
         &FitPrior {
             posture,
@@ -113,7 +112,7 @@ pub(crate) fn choose_start(
         .into_par_iter()
         .filter_map(|sex| {
             let (avatar, posture, poses) = posed(&sketch(&of(sex, Some(mass_kg))).ok()?).ok()?;
-            let views = fit_views(bundle, views, &poses, stature_mm);
+            let views = fit_views(views, &poses, stature_mm);
             Some((rigid_residual(&avatar, &posture, &views, outlines), sex))
         })
         .collect();
@@ -149,31 +148,32 @@ const KG_PER_CUBIC_MM: f64 = 1.0 / 0.972e6;
 /// Bone lengths and poses of another figure, seen by the same cameras
 fn pose_figure(
     scan: &Scan,
-    first: &Bundle,
-    views: &[ViewReport],
+    skeleton: &Skeleton,
+    views: &[SolvedView],
     figure: &Avatar,
     stature_mm: f64,
 ) -> Result<(Avatar, Pose, Vec<Pose>), BundleError> {
     let bundle_views: Vec<BundleView> = views
         .iter()
         .map(|view| BundleView {
-            turn: first.turns[view.index],
-            keypoints: first.keypoints[view.index],
-            ..BundleView::from(&scan.views[view.index])
+            turn: view.skeleton().turn,
+            keypoints: view.skeleton().keypoints,
+            ..BundleView::from(&scan.views[view.id.0])
         })
         .collect();
-    let given = |value: fn(&Camera) -> f64| first.cameras.first().map(value);
+    let camera = &skeleton.camera;
     let setup = CameraSetup {
-        vertical_fov_radians: given(|camera| camera.vertical_fov_radians),
-        height_mm: given(|camera| camera.height_mm),
-        distance_mm: given(|camera| camera.distance_mm),
-        pitch_radians: given(|camera| camera.pitch_radians),
+        vertical_fov_radians: Some(camera.vertical_fov_radians),
+        height_mm: Some(camera.height_mm),
+        distance_mm: Some(camera.distance_mm),
+        pitch_radians: Some(camera.pitch_radians),
     };
     let options = BundleOptions {
         mend_swaps: false,
         correct_turns: false,
         ..BundleOptions::default()
     };
-    let posed = bundle(figure, &bundle_views, &setup, Some(stature_mm), &options)?;
-    Ok((posed.avatar, posed.posture, posed.poses))
+    let (posed, views) = bundle(figure, &bundle_views, &setup, Some(stature_mm), &options)?;
+    let poses = views.iter().map(|view| view.pose).collect();
+    Ok((posed.avatar, posed.posture, poses))
 }

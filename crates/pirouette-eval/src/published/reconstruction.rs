@@ -2,20 +2,16 @@
 
 use pirouette::carve::{CarveOptions, CarveView, carve};
 use pirouette::measure::{Measure, measure_figure};
-use pirouette::normalize::{
-    NormalizeMethod, NormalizeOptions, NormalizeView, ReferenceView, RefineOptions,
-    RegisterOptions, normalize, shared_skeleton_joints,
-};
-use pirouette::pipeline::{CancelToken, Config, Goal, Method, Report, run as run_job};
-use pirouette::skeleton_fit::Bundle;
+use pirouette::normalize::{NormalizeMethod, NormalizeOptions, RefineOptions, RegisterOptions};
+use pirouette::pipeline::{CancelToken, Config, Goal, Method, Normalizer, Report, run as run_job};
+use pirouette::skeleton_fit::Skeleton;
+use pirouette::view::SolvedView;
 use pirouette_body::Avatar;
 use pirouette_body::TurnAngle;
-use pirouette_body::render::SilhouetteMesh;
 use pirouette_body::render::silhouette;
 use pirouette_body::{Pose, pose_bones};
 use pirouette_geom::TriMesh;
 use pirouette_geom::outline_map::OutlineMap;
-use pirouette_synthetic::SyntheticScan;
 use serde_json::{Value, json};
 
 use super::picture::{difference, side_by_side};
@@ -226,65 +222,43 @@ fn bodies_of(person: &Person, cancel: &CancelToken) -> [Option<TriMesh>; Case::A
     Case::ALL.map(|case| match case {
         Case::Fit => fit.as_ref()?.body.clone(),
         Case::FitHull => fit.as_ref()?.hull.clone(),
-        _ => hull(case, &scan, skeleton.as_ref()?),
+        _ => hull(case, skeleton.as_ref()?),
     })
 }
 
 /// The hull of the silhouettes as one case has them
-fn hull(case: Case, scan: &SyntheticScan, report: &Report) -> Option<TriMesh> {
-    let bundle = report.bundle.as_ref()?;
-    let reference = reference_of(case, report, bundle);
-    let mesh = SilhouetteMesh::new(&reference.mesh.triangles);
-    let outlines: Vec<(usize, OutlineMap)> = report
+fn hull(case: Case, report: &Report) -> Option<TriMesh> {
+    let skeleton = report.skeleton.as_ref()?;
+    let reference = reference_of(case, report, skeleton);
+    let options = case.options();
+    let normalizer =
+        options.map(|options| Normalizer::with_options(&skeleton.avatar, reference, options));
+    let outlines: Vec<(&SolvedView, OutlineMap)> = report
         .views
         .iter()
         .filter_map(|view| {
-            let soft = &view.silhouette.soft;
-            let Some(options) = case.options() else {
-                return Some((
-                    view.index,
-                    OutlineMap::new(&soft.whole(), OutlineMap::FAR_PX),
-                ));
+            let soft = match &normalizer {
+                Some(normalizer) => normalizer.normalize(view).ok()?.soft(),
+                None => view.silhouette.soft.whole(),
             };
-            let (turn, camera) = (bundle.turns[view.index], &bundle.cameras[view.index]);
-            let pose = &bundle.poses[view.index];
-            let normalized = normalize(
-                &NormalizeView {
-                    mask: &view.silhouette.mask,
-                    soft,
-                    keypoints: &bundle.keypoints[view.index],
-                    skeleton: Some(&shared_skeleton_joints(&bundle.avatar, pose, turn, camera)),
-                    outline: None,
-                    reference: &ReferenceView::render(
-                        reference,
-                        &mesh,
-                        turn,
-                        camera,
-                        options.method,
-                    ),
-                },
-                &options,
-            );
-            let soft = normalized.ok()?.soft();
-            Some((view.index, OutlineMap::new(&soft, OutlineMap::FAR_PX)))
+            Some((view, OutlineMap::new(&soft, OutlineMap::FAR_PX)))
         })
         .collect();
-    debug_assert!(outlines.len() <= scan.scan.views.len());
     let views: Vec<CarveView> = outlines
         .iter()
-        .map(|(index, outline)| CarveView {
+        .map(|(view, outline)| CarveView {
             outline,
-            camera: bundle.cameras[*index],
-            turn: bundle.turns[*index],
+            camera: view.skeleton().camera,
+            turn: view.skeleton().turn,
         })
         .collect();
     carve(&views, &CarveOptions::default()).ok()
 }
 
 /// The published steps know the person's proportions from the photo alone; one skeleton for all views has them
-fn reference_of<'a>(case: Case, report: &'a Report, bundle: &'a Bundle) -> &'a Avatar {
+fn reference_of<'a>(case: Case, report: &'a Report, skeleton: &'a Skeleton) -> &'a Avatar {
     match case {
-        Case::Shared | Case::SharedRegistered | Case::SharedRefined => &bundle.avatar,
+        Case::Shared | Case::SharedRegistered | Case::SharedRefined => &skeleton.avatar,
         _ => &report.avatar,
     }
 }

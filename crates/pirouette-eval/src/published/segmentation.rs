@@ -161,7 +161,7 @@ fn segment(scan: &SyntheticScan, leave_out: LeaveOut, cancel: &CancelToken) -> V
     let views = report.map(|report| report.views).unwrap_or_default();
     let mut masks = vec![None; scan.scan.views.len()];
     for view in views {
-        masks[view.index] = Some(view.silhouette.mask);
+        masks[view.id.0] = Some(view.silhouette.mask);
     }
     masks
 }

@@ -11,13 +11,12 @@ use crate::report::{
     residual_sheet,
 };
 use crate::scan_folder::LoadedScan;
-use pirouette::body_fit::Fit;
+use pirouette::body_fit::FittedBody;
 use pirouette::color::SurfaceColors;
 use pirouette::normalize::shared_skeleton_joints;
-use pirouette::pipeline::{Method, Report, ViewReport};
+use pirouette::pipeline::Report;
 use pirouette::scan::{Photo, View};
-use pirouette::skeleton_fit::Bundle;
-use pirouette_body::Avatar;
+use pirouette::view::SolvedView;
 use pirouette_body::TurnAngle;
 use pirouette_body::render;
 use pirouette_body::render::SilhouetteMesh;
@@ -58,11 +57,10 @@ impl<'a> DrawnBody<'a> {
 }
 
 /// Draws what was known and found over the photo of one view
-pub(crate) fn draw_overlay(view: &View, report: &Report, found: &ViewReport) -> Photo {
-    let target = report.bundle.as_ref().map(|bundle| {
-        let (pose, turn) = (&bundle.poses[found.index], bundle.turns[found.index]);
-        let camera = &bundle.cameras[found.index];
-        shared_skeleton_joints(reference(report, bundle), pose, turn, camera).reference
+pub(crate) fn draw_overlay(view: &View, report: &Report, found: &SolvedView) -> Photo {
+    let target = found.skeleton.map(|seen| {
+        let reference = report.normalization_reference();
+        shared_skeleton_joints(reference, &seen.pose, seen.turn, &seen.camera).reference
     });
     overlay(&OverlayInput {
         photo: &view.photo,
@@ -71,15 +69,6 @@ pub(crate) fn draw_overlay(view: &View, report: &Report, found: &ViewReport) -> 
         detected: &view.keypoints,
         target: target.as_ref(),
     })
-}
-
-/// The figure in the reference pose to which the silhouettes were normalized, or could be
-fn reference<'a>(report: &'a Report, bundle: &'a Bundle) -> &'a Avatar {
-    match (&report.fit, report.method) {
-        (Some(fit), _) => &fit.avatar,
-        (None, Method::Fit) => &bundle.avatar,
-        (None, Method::ThreeStep) => &report.avatar,
-    }
 }
 
 /// Draws all views side by side: photo, mask, normalized over reference, body
@@ -91,8 +80,8 @@ pub(crate) fn draw_contact_sheet(
     body: Option<&DrawnBody>,
 ) -> Photo {
     let colors = report.colors.as_ref().map(SurfaceColors::to_linear);
-    let bundle = report.bundle.as_ref();
-    let reference = bundle.map(|bundle| &reference(report, bundle).mesh);
+    let skeleton = report.skeleton.as_ref();
+    let reference = skeleton.map(|_| &report.normalization_reference().mesh);
     let of_reference = reference.map(|mesh| match body {
         Some(same) if same.mesh.triangles() == mesh.triangles => Cow::Borrowed(&same.mesh),
         _ => Cow::Owned(SilhouetteMesh::new(&mesh.triangles)),
@@ -100,9 +89,8 @@ pub(crate) fn draw_contact_sheet(
     let drawn: Vec<_> = report
         .views
         .par_iter()
-        .enumerate()
-        .map(|(place, found)| {
-            let seen = bundle.map(|b| (b.cameras[found.index], b.turns[found.index]));
+        .map(|found| {
+            let seen = found.skeleton.map(|seen| (seen.camera, seen.turn));
             let reference = reference.zip(of_reference.as_ref()).zip(seen);
             let reference = reference.map(|((mesh, edges), (camera, turn))| {
                 let positions = turned(&mesh.positions, turn);
@@ -115,7 +103,7 @@ pub(crate) fn draw_contact_sheet(
             let body = body.and_then(|(DrawnBody { surface, mesh }, (camera, turn))| {
                 Some(match &report.fit {
                     Some(fit) => {
-                        let positions = posed(fit, fit.poses.get(place)?, turn);
+                        let positions = posed(fit, &found.fit?.pose, turn);
                         render::shade(mesh, &positions, colors.as_deref(), &camera)
                     }
                     None => render::shade(mesh, &turned(&surface.positions, turn), None, &camera),
@@ -129,7 +117,7 @@ pub(crate) fn draw_contact_sheet(
         .iter()
         .zip(&drawn)
         .map(|(found, (reference, body))| {
-            let view = &loaded.scan.views[found.index];
+            let view = &loaded.scan.views[found.id.0];
             ContactView {
                 name: &view.name,
                 turn: view.turn,
@@ -152,15 +140,15 @@ pub(crate) fn draw_residuals(
     report: &Report,
     body: Option<&DrawnBody>,
 ) -> Option<Photo> {
-    let (bundle, fit, mesh) = (report.bundle.as_ref()?, report.fit.as_ref()?, &body?.mesh);
+    let (skeleton, fit, mesh) = (report.skeleton.as_ref()?, report.fit.as_ref()?, &body?.mesh);
     let silhouettes: Vec<Mask> = report
         .views
         .par_iter()
-        .zip(&fit.poses)
-        .map(|(found, pose)| {
-            let positions = posed(fit, pose, bundle.turns[found.index]);
-            let coverage = mesh.silhouette(&positions, &bundle.cameras[found.index]);
-            coverage.threshold(0.5)
+        .map(|found| {
+            let seen = found.skeleton();
+            let pose = found.fit.map_or(seen.pose, |fit| fit.pose);
+            let positions = posed(fit, &pose, seen.turn);
+            mesh.silhouette(&positions, &seen.camera).threshold(0.5)
         })
         .collect();
     let views: Vec<ResidualView> = report
@@ -168,10 +156,8 @@ pub(crate) fn draw_residuals(
         .iter()
         .zip(&silhouettes)
         .map(|(found, body)| {
-            let (view, camera) = (
-                &loaded.scan.views[found.index],
-                &bundle.cameras[found.index],
-            );
+            let view = &loaded.scan.views[found.id.0];
+            let camera = &found.skeleton().camera;
             ResidualView {
                 name: &view.name,
                 turn: view.turn,
@@ -184,7 +170,7 @@ pub(crate) fn draw_residuals(
         })
         .collect();
     let mut seen = Vec::new();
-    if let (Some(colors), Some(camera)) = (&report.colors, bundle.cameras.first()) {
+    if let Some(colors) = &report.colors {
         let counts = colors.view_counts.iter();
         let counts: Vec<[f32; 3]> = counts
             .map(|&count| {
@@ -195,7 +181,7 @@ pub(crate) fn draw_residuals(
         for (label, degrees) in [("front", 0.0), ("back", 180.0)] {
             let turn = TurnAngle::from_degrees(degrees);
             let positions = turned(&fit.avatar.mesh.positions, turn);
-            let camera = camera.scaled(SEEN_SCALE);
+            let camera = skeleton.camera.scaled(SEEN_SCALE);
             let picture = render::shade(mesh, &positions, Some(&counts), &camera);
             let silhouette = mesh.silhouette(&positions, &camera).threshold(0.5);
             seen.push((label, picture, silhouette));
@@ -212,7 +198,7 @@ pub(crate) fn draw_residuals(
     Some(residual_sheet(&views, &seen, views.len()))
 }
 
-fn posed(fit: &Fit, pose: &Pose, turn: TurnAngle) -> Vec<DVec3> {
+fn posed(fit: &FittedBody, pose: &Pose, turn: TurnAngle) -> Vec<DVec3> {
     let bones = pose_bones(&fit.avatar.bone_heads, pose, turn);
     bones.skin(&fit.avatar.mesh.positions, &fit.avatar.weights)
 }

@@ -178,28 +178,25 @@ impl FitOptions {
     }
 }
 
-/// One body and its poses
+/// One body for all views
 #[derive(Debug, Clone)]
-pub struct Fit {
+pub struct FittedBody {
     /// The fitted body in the reference pose, world frame, mm
     pub avatar: Avatar,
-    /// Pose of each view
-    pub poses: Vec<Pose>,
-    /// Camera of each view, corrected as far as its prior allows
-    pub cameras: Vec<Camera>,
-    /// Intersection over union of the posed body's silhouette with that of the photo, for each view; none when the
-    /// options leave them out
-    pub silhouette_ious: Vec<f64>,
     /// How far rim and outlines were apart in the last round (root mean square), in nominal px
     pub residual_px: f64,
 }
 
-impl Fit {
-    /// Mean intersection over union of all views, `None` without views
-    pub fn mean_iou(&self) -> Option<f64> {
-        let count = self.silhouette_ious.len();
-        (count > 0).then(|| self.silhouette_ious.iter().sum::<f64>() / count as f64)
-    }
+/// A view as the fitted body explains it
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FittedView {
+    /// Pose of the body
+    pub pose: Pose,
+    /// The camera, corrected as far as its prior allows
+    pub camera: Camera,
+    /// Intersection over union of the posed body's silhouette with that of the photo; `None` where the options leave
+    /// it out
+    pub silhouette_iou: Option<f64>,
 }
 
 /// The surface while it is fitted
@@ -307,7 +304,7 @@ pub fn fit_body(
     prior: &FitPrior,
     options: &FitOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
-) -> Fit {
+) -> (FittedBody, Vec<FittedView>) {
     let outlines = Outlines::trace(views);
     fit_outlines(avatar, views, &outlines, prior, options, cancelled)
 }
@@ -320,7 +317,7 @@ pub(crate) fn fit_outlines(
     prior: &FitPrior,
     options: &FitOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
-) -> Fit {
+) -> (FittedBody, Vec<FittedView>) {
     let mut counts: Vec<usize> = options.rounds.iter().map(|r| r.coarse_count).collect();
     counts.sort_unstable_by(|a, b| b.cmp(a));
     counts.dedup();
@@ -395,22 +392,28 @@ pub(crate) fn fit_outlines(
         let turned = pose_bones(&body.bone_heads, pose, view.turn);
         pose.shift_mm = turned.carry(Bone::Root, shift);
     }
-    let silhouette_ious = if options.overlaps {
+    let ious = if options.overlaps {
         overlaps(&fitted, &views, &poses)
     } else {
-        Vec::new()
+        vec![None; views.len()]
     };
-    Fit {
+    let parts = views.iter().zip(poses).zip(ious);
+    let fitted_views = parts
+        .map(|((view, pose), silhouette_iou)| FittedView {
+            pose,
+            camera: view.camera,
+            silhouette_iou,
+        })
+        .collect();
+    let body = FittedBody {
         avatar: fitted,
-        silhouette_ious,
-        poses,
-        cameras: views.iter().map(|view| view.camera).collect(),
         residual_px,
-    }
+    };
+    (body, fitted_views)
 }
 
 /// Intersection over union of the posed body's silhouette with that of the photo, for each view
-fn overlaps(fitted: &Avatar, views: &[FitView], poses: &[Pose]) -> Vec<f64> {
+fn overlaps(fitted: &Avatar, views: &[FitView], poses: &[Pose]) -> Vec<Option<f64>> {
     let mesh = SilhouetteMesh::new(&fitted.mesh.triangles);
     views
         .par_iter()
@@ -419,9 +422,8 @@ fn overlaps(fitted: &Avatar, views: &[FitView], poses: &[Pose]) -> Vec<f64> {
             let posed = pose_bones(&fitted.bone_heads, pose, view.turn);
             let positions = posed.skin(&fitted.mesh.positions, &fitted.weights);
             let coverage = mesh.silhouette(&positions, &view.camera);
-            coverage
-                .threshold(0.5)
-                .iou(&view.silhouette.whole().threshold(0.5))
+            let mask = view.silhouette.whole().threshold(0.5);
+            Some(coverage.threshold(0.5).iou(&mask))
         })
         .collect()
 }

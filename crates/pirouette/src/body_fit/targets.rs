@@ -2,9 +2,10 @@
 
 use glam::DVec2;
 
+use super::NOMINAL_STATURE_PX;
 use super::outline::{EdgePoint, PointIndex};
 use super::rim::RimMesh;
-use super::{Fit, NOMINAL_STATURE_PX};
+use pirouette_body::Avatar;
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
 use pirouette_body::{Pose, pose_bones};
@@ -25,16 +26,18 @@ pub struct OutlineTargets {
 }
 
 impl OutlineTargets {
-    /// Follows the rim of one view of a fit from the photo into the reference pose, turned like the view
+    /// Follows the rim of a fitted body from its pose in a photo into the reference pose, turned like the view
     ///
-    /// `rim` is made of the fitted mesh.
-    ///
-    /// # Panics
-    /// When the fit has no such view.
-    pub fn new(fit: &Fit, rim: &RimMesh, view: usize, turn: TurnAngle, camera: &Camera) -> Self {
-        let avatar = &fit.avatar;
+    /// `rim` is made of the body's mesh.
+    pub fn new(
+        avatar: &Avatar,
+        rim: &RimMesh,
+        pose: &Pose,
+        turn: TurnAngle,
+        camera: &Camera,
+    ) -> Self {
         let mesh = &avatar.mesh;
-        let photo = pose_bones(&avatar.bone_heads, &fit.poses[view], turn);
+        let photo = pose_bones(&avatar.bone_heads, pose, turn);
         let reference = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
         let stature_px = camera.focal_px() * avatar.stature_mm() / camera.distance_mm;
         let unit_px = stature_px / NOMINAL_STATURE_PX;

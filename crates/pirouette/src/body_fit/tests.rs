@@ -77,8 +77,37 @@ impl Seen {
         }
     }
 
-    fn fit(&self, start: &Avatar, options: &FitOptions) -> Fit {
-        fit_body(start, &self.views(), &self.prior(), options, &|| false)
+    fn fit(&self, start: &Avatar, options: &FitOptions) -> Found {
+        fit_body(start, &self.views(), &self.prior(), options, &|| false).into()
+    }
+}
+
+/// A fitted body with its views
+struct Found {
+    avatar: Avatar,
+    residual_px: f64,
+    views: Vec<FittedView>,
+}
+
+impl From<(FittedBody, Vec<FittedView>)> for Found {
+    fn from((body, views): (FittedBody, Vec<FittedView>)) -> Self {
+        let FittedBody {
+            avatar,
+            residual_px,
+        } = body;
+        Self {
+            avatar,
+            residual_px,
+            views,
+        }
+    }
+}
+
+impl Found {
+    fn mean_iou(&self) -> Option<f64> {
+        let ious = self.views.iter().map(|view| view.silhouette_iou);
+        let sum: f64 = ious.sum::<Option<f64>>()?;
+        Some(sum / self.views.len() as f64)
     }
 }
 
@@ -229,21 +258,21 @@ fn a_camera_that_was_taken_for_another_is_found() {
             camera,
             ..seen.prior()
         };
-        fit_body(&truth, &views, &prior, &quick(), &|| false)
+        Found::from(fit_body(&truth, &views, &prior, &quick(), &|| false))
     };
     let held = fit(CameraSpread::default());
-    assert_eq!(held.cameras[0], views[0].camera);
+    assert_eq!(held.views[0].camera, views[0].camera);
     let found = fit(CameraSpread {
         distance_mm: 100.0,
         height_mm: 0.0,
         pitch_radians: 1.0_f64.to_radians(),
     });
-    let (camera, expected) = (found.cameras[0], seen.camera);
+    let (camera, expected) = (found.views[0].camera, seen.camera);
     let off_mm = camera.distance_mm - expected.distance_mm;
     let off_degrees = (camera.pitch_radians - expected.pitch_radians).to_degrees();
     assert!(off_mm.abs() < 8.0, "{off_mm}");
     assert!(off_degrees.abs() < 0.1, "{off_degrees}");
-    assert!(found.cameras.iter().all(|c| *c == camera));
+    assert!(found.views.iter().all(|view| view.camera == camera));
     assert!((camera.height_mm - expected.height_mm).abs() < 1e-12);
     let (held, found) = (
         mean_distance(&held.avatar, &truth),
@@ -256,7 +285,7 @@ fn a_camera_that_was_taken_for_another_is_found() {
 fn a_cancelled_fit_comes_back_at_once_as_it_started() {
     let truth = figure(Sex::Female, 62.0);
     let seen = Seen::still(&truth, 3);
-    let fit = fit_body(&truth, &seen.views(), &seen.prior(), &quick(), &|| true);
+    let (fit, _) = fit_body(&truth, &seen.views(), &seen.prior(), &quick(), &|| true);
     assert!(mean_distance(&fit.avatar, &truth) < 1e-9);
 }
 
@@ -287,15 +316,8 @@ fn outline_targets_lead_from_the_photo_to_the_reference_pose() {
     pose.shift_mm = DVec3::new(20.0, 0.0, 0.0);
     let turn = TurnAngle::from_degrees(0.0);
     let seen = Seen::new(&truth, &[turn], &[pose]);
-    let fit = Fit {
-        avatar: truth.clone(),
-        poses: vec![pose],
-        cameras: vec![seen.camera],
-        silhouette_ious: vec![1.0],
-        residual_px: 0.0,
-    };
     let rim = RimMesh::new(&truth.mesh.triangles, truth.mesh.positions.len());
-    let targets = OutlineTargets::new(&fit, &rim, 0, turn, &seen.camera);
+    let targets = OutlineTargets::new(&truth, &rim, &pose, turn, &seen.camera);
     let reference = Seen::new(&truth, &[turn], &[Pose::default()]);
     let outline = outline::trace(&seen.silhouettes[0], 0.5);
     let expected = outline::PointIndex::new(&outline::trace(&reference.silhouettes[0], 0.5), 1.0);

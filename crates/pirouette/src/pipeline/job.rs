@@ -3,39 +3,36 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use pirouette_geom::{Mask, TriMesh};
+use pirouette_body::{Avatar, Pose};
+use pirouette_geom::Mask;
+use pirouette_geom::outline_map::OutlineMap;
 use rayon::prelude::*;
 
-use crate::body_fit::{CameraSpread, Fit, FitPrior, Outlines, fit_outlines};
+use crate::body_fit::{CameraSpread, FitPrior, Outlines, fit_outlines};
 use crate::carve::{CarveOptions, carve, carve_beside_avatar};
-use crate::color::{ColorOptions, ColorView, SurfaceColors, color_surface};
-use crate::initial_body;
-use crate::measure::{MeasureInput, Measurements, measure};
+use crate::color::{ColorOptions, ColorView, color_surface};
+use crate::initial_body::{choose_start, fit_views, is_free};
+use crate::measure::{MeasureInput, measure};
 use crate::normalize::{NormalizeError, NormalizedView};
-use crate::pipeline::views::{
-    Normalizer, carve_views, measure_views, normalized_outlines, photographed_outlines,
+use crate::pipeline::stages::{
+    Normalizer, carve_views, make_avatar, measure_views, normalized_outlines,
+    photographed_outlines, render_priors,
 };
-use crate::pipeline::warning;
-use crate::pipeline::warning::Warning;
+use crate::pipeline::warning::{self, Warning};
 use crate::pipeline::{
-    AvatarSource, CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError,
-    Stage, StartFigure, ViewReport,
+    CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError, Report, Stage,
 };
 use crate::scan::{CameraSetup, Scan};
 use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
-use crate::skeleton_fit::{Bundle, BundleOptions, BundleView, bundle};
-use pirouette_body::gltf::load_avatar;
-use pirouette_body::mannequin::{MannequinParameters, mannequin};
-use pirouette_body::{Avatar, render};
-use pirouette_body::{Pose, pose_bones};
-use pirouette_geom::outline_map::OutlineMap;
+use crate::skeleton_fit::{BundleOptions, BundleView, Skeleton, SkeletonView, bundle};
+use crate::view::{SolvedView, ViewId};
 
 /// A running job
 pub(super) struct Job<'a> {
     scan: &'a Scan,
     config: &'a Config,
     cancel: &'a CancelToken,
-    tell: &'a mut (dyn FnMut(Event) + Send),
+    on_event: &'a mut (dyn FnMut(Event) + Send),
     pub(super) dropped: Vec<DroppedView>,
     pub(super) warnings: Vec<Warning>,
     pub(super) seconds: Vec<(Stage, f64)>,
@@ -44,13 +41,13 @@ pub(super) struct Job<'a> {
 /// Counts the steps of a stage, from any thread
 struct Steps<'a> {
     stage: Stage,
-    tell: Mutex<&'a mut (dyn FnMut(Event) + Send)>,
+    on_event: Mutex<&'a mut (dyn FnMut(Event) + Send)>,
 }
 
 impl Steps<'_> {
     fn done(&self) {
-        let mut tell = self.tell.lock().unwrap_or_else(PoisonError::into_inner);
-        tell(Event::StepDone { stage: self.stage });
+        let mut on_event = self.on_event.lock().unwrap_or_else(PoisonError::into_inner);
+        on_event(Event::StepDone { stage: self.stage });
     }
 }
 
@@ -59,20 +56,20 @@ impl<'a> Job<'a> {
         scan: &'a Scan,
         config: &'a Config,
         cancel: &'a CancelToken,
-        tell: &'a mut (dyn FnMut(Event) + Send),
+        on_event: &'a mut (dyn FnMut(Event) + Send),
     ) -> Self {
         Self {
             scan,
             config,
             cancel,
-            tell,
+            on_event,
             dropped: Vec::new(),
             warnings: Vec::new(),
             seconds: Vec::new(),
         }
     }
 
-    /// Runs one stage: told, timed, and not begun or not believed once the job was cancelled
+    /// Runs one stage: emits its events, times it, and returns `Cancelled` if cancellation was requested
     fn stage<T>(
         &mut self,
         stage: Stage,
@@ -82,38 +79,34 @@ impl<'a> Job<'a> {
         if self.cancel.cancelled() {
             return Err(PipelineError::Cancelled);
         }
-        (self.tell)(Event::StageStarted { stage, step_count });
+        (self.on_event)(Event::StageStarted { stage, step_count });
         let start = Instant::now();
         let steps = Steps {
             stage,
-            tell: Mutex::new(&mut *self.tell),
+            on_event: Mutex::new(&mut *self.on_event),
         };
         let result = work(&steps);
         let seconds = start.elapsed().as_secs_f64();
         if self.cancel.cancelled() {
             return Err(PipelineError::Cancelled);
         }
-        (self.tell)(Event::StageDone { stage, seconds });
+        (self.on_event)(Event::StageDone { stage, seconds });
         self.seconds.push((stage, seconds));
         Ok(result)
     }
 
     fn warn(&mut self, warning: Warning) {
-        (self.tell)(Event::Warning(warning.clone()));
+        (self.on_event)(Event::Warning(warning.clone()));
         self.warnings.push(warning);
     }
 
-    fn drop_view(&mut self, index: usize, stage: Stage, reason: DropReason) {
+    fn drop_view(&mut self, id: ViewId, stage: Stage, reason: DropReason) {
         self.warn(Warning::ViewDropped {
-            view: self.scan.views[index].name.clone(),
+            view: self.scan.views[id.0].name.clone(),
             stage,
             reason: reason.clone(),
         });
-        self.dropped.push(DroppedView {
-            index,
-            stage,
-            reason,
-        });
+        self.dropped.push(DroppedView { id, stage, reason });
     }
 
     pub(super) fn check_left(&self, left: usize) -> Result<(), PipelineError> {
@@ -141,37 +134,15 @@ impl<'a> Job<'a> {
     }
 
     pub(super) fn make_avatar(&mut self) -> Result<Avatar, PipelineError> {
-        let (scan, config) = (self.scan, self.config);
-        self.stage(Stage::Avatar, 1, |_| match &config.avatar {
-            AvatarSource::Mannequin { sex, mass_kg } => {
-                let parameters = MannequinParameters {
-                    sex: *sex,
-                    stature_mm: scan.stature_mm,
-                    mass_kg: *mass_kg,
-                    pose: scan.pose,
-                    ..MannequinParameters::default()
-                };
-                Ok(mannequin(&parameters)?)
-            }
-            AvatarSource::File { name, bytes } => {
-                let avatar =
-                    load_avatar(bytes, scan.pose).map_err(|source| PipelineError::Avatar {
-                        name: name.clone(),
-                        source,
-                    })?;
-                Ok(match scan.stature_mm {
-                    Some(stature_mm) => avatar.scaled_to(stature_mm),
-                    None => avatar,
-                })
-            }
-        })?
+        let (scan, source) = (self.scan, &self.config.avatar);
+        self.stage(Stage::Avatar, 1, |_| make_avatar(scan, source))?
     }
 
     /// One skeleton for all views; silhouettes alone can do without
-    pub(super) fn find_skeleton(
+    pub(super) fn fit_skeleton(
         &mut self,
         avatar: &Avatar,
-    ) -> Result<Option<Bundle>, PipelineError> {
+    ) -> Result<Option<(Skeleton, Vec<SkeletonView>)>, PipelineError> {
         let scan = self.scan;
         if self.config.goal == Goal::Segment && !self.one_shape() {
             return Ok(None);
@@ -181,8 +152,8 @@ impl<'a> Job<'a> {
             let options = BundleOptions::default();
             bundle(avatar, &views, &scan.camera, scan.stature_mm, &options)
         })?;
-        let bundle = match found {
-            Ok(bundle) => bundle,
+        let (skeleton, views) = match found {
+            Ok(found) => found,
             Err(error) if self.config.goal == Goal::Segment => {
                 self.warn(Warning::NoSkeleton(error));
                 return Ok(None);
@@ -190,57 +161,45 @@ impl<'a> Job<'a> {
             Err(error) => return Err(error.into()),
         };
         let name = |index: usize| scan.views[index].name.clone();
-        for &warning in &bundle.warnings {
+        for &warning in &skeleton.warnings {
             // Silhouettes have no size in mm.
             if self.config.goal > Goal::Segment || !warning::is_about_scale(warning) {
                 self.warn(Warning::Bundle(warning));
             }
         }
-        for &(view, limb) in &bundle.swaps {
+        for &(view, limb) in &skeleton.swaps {
             let view = name(view);
             self.warn(Warning::SidesSwapped { view, limb });
         }
-        for outlier in &bundle.outliers {
+        for outlier in &skeleton.outliers {
             self.warn(Warning::Outlier {
                 view: name(outlier.view),
                 joint: outlier.joint,
                 residual_px: outlier.residual_px,
             });
         }
-        Ok(Some(bundle))
+        Ok(Some((skeleton, views)))
     }
 
-    /// Where each photo shows the avatar with the person's bones in the person's pose
+    /// Where each photo shows the avatar with the person's bones in the person's pose; empty without a skeleton
     pub(super) fn render_priors(
         &mut self,
-        bundle: Option<&Bundle>,
-    ) -> Result<Vec<Option<Mask>>, PipelineError> {
-        let Some(bundle) = bundle else {
-            return Ok(self.scan.views.iter().map(|_| None).collect());
+        skeleton: Option<&Skeleton>,
+        views: Option<&[SkeletonView]>,
+    ) -> Result<Vec<Mask>, PipelineError> {
+        let Some((skeleton, views)) = skeleton.zip(views) else {
+            return Ok(Vec::new());
         };
-        let view_count = self.scan.views.len();
-        self.stage(Stage::Prior, view_count, |steps| {
-            let avatar = &bundle.avatar;
-            let mesh = render::SilhouetteMesh::new(&avatar.mesh.triangles);
-            let render = |index: usize| {
-                let posed = pose_bones(
-                    &avatar.bone_heads,
-                    &bundle.poses[index],
-                    bundle.turns[index],
-                );
-                let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
-                let coverage = mesh.silhouette(&positions, &bundle.cameras[index]);
-                steps.done();
-                Some(coverage.threshold(0.5))
-            };
-            (0..view_count).into_par_iter().map(render).collect()
+        self.stage(Stage::Prior, views.len(), |steps| {
+            render_priors(&skeleton.avatar, views, &|| steps.done())
         })
     }
 
     pub(super) fn segment(
         &mut self,
-        priors: &[Option<Mask>],
-    ) -> Result<Vec<ViewReport>, PipelineError> {
+        skeleton_views: Option<Vec<SkeletonView>>,
+        priors: &[Mask],
+    ) -> Result<Vec<SolvedView>, PipelineError> {
         let (scan, cancel) = (self.scan, self.cancel);
         let options = SegmentOptions {
             // Photos of different cameras share neither colors nor background.
@@ -252,11 +211,11 @@ impl<'a> Job<'a> {
                 let views: Vec<SegmentView> = scan
                     .views
                     .iter()
-                    .zip(priors)
-                    .map(|(view, prior)| SegmentView {
+                    .enumerate()
+                    .map(|(index, view)| SegmentView {
                         photo: &view.photo,
                         keypoints: &view.keypoints,
-                        prior: prior.as_ref(),
+                        prior: priors.get(index),
                         mask: view.mask.as_ref(),
                     })
                     .collect();
@@ -265,67 +224,75 @@ impl<'a> Job<'a> {
         let mut views = Vec::new();
         for (index, silhouette) in silhouettes.into_iter().enumerate() {
             match silhouette {
-                Ok(silhouette) => views.push(ViewReport {
-                    index,
+                Ok(silhouette) => views.push(SolvedView {
+                    id: ViewId(index),
                     silhouette,
+                    skeleton: skeleton_views.as_ref().map(|views| views[index]),
+                    fit: None,
                     normalized: None,
                 }),
-                Err(error) => self.drop_view(index, Stage::Segment, DropReason::Segment(error)),
+                Err(error) => {
+                    self.drop_view(ViewId(index), Stage::Segment, DropReason::Segment(error))
+                }
             }
         }
         self.check_left(views.len())?;
         Ok(views)
     }
 
-    /// One body in the poses of all views
+    /// Fits one body to all views
     ///
     /// Views that contradict the others are dropped, and the body is fitted again.
-    pub(super) fn fit(
-        &mut self,
-        bundle: &Bundle,
-        views: &mut Vec<ViewReport>,
-    ) -> Result<(Fit, Option<StartFigure>), PipelineError> {
-        let mut found = self.fit_all(bundle, views)?;
-        let bad = contradicting(&found.0.silhouette_ious);
+    pub(super) fn fit_body(&mut self, report: &mut Report) -> Result<(), PipelineError> {
+        self.fit_all(report)?;
+        let bad = contradicting(&report.views);
         if !bad.is_empty() {
-            for &(place, ref reason) in &bad {
-                self.drop_view(views[place].index, Stage::Fit, reason.clone());
+            for (id, reason) in &bad {
+                self.drop_view(*id, Stage::Fit, reason.clone());
             }
-            let mut place = 0;
-            views.retain(|_| {
-                place += 1;
-                !bad.iter().any(|(bad, _)| bad + 1 == place)
-            });
-            self.check_left(views.len())?;
-            found = self.fit_all(bundle, views)?;
+            report
+                .views
+                .retain(|view| bad.iter().all(|(id, _)| *id != view.id));
+            self.check_left(report.views.len())?;
+            self.fit_all(report)?;
         }
-        Ok(found)
+        let Some(camera) = report
+            .views
+            .first()
+            .and_then(|view| view.fit)
+            .map(|fit| fit.camera)
+        else {
+            return Ok(());
+        };
+        for view in &mut report.views {
+            view.skeleton = view.skeleton.map(|skeleton| skeleton.with_camera(&camera));
+        }
+        if let Some(skeleton) = &mut report.skeleton {
+            skeleton.camera = camera.with_size_of(&skeleton.camera);
+        }
+        Ok(())
     }
 
-    fn fit_all(
-        &mut self,
-        bundle: &Bundle,
-        views: &[ViewReport],
-    ) -> Result<(Fit, Option<StartFigure>), PipelineError> {
+    fn fit_all(&mut self, report: &mut Report) -> Result<(), PipelineError> {
         let (scan, config, cancel) = (self.scan, self.config, self.cancel);
-        let free = initial_body::is_free(config);
-        self.stage(Stage::Fit, 1, |_| {
-            let stature_mm = scan.stature_mm.unwrap_or(bundle.avatar.stature_mm());
+        let Some(skeleton) = &report.skeleton else {
+            return Ok(());
+        };
+        let views = &report.views[..];
+        let ((fit, fitted_views), start) = self.stage(Stage::Fit, 1, |_| {
+            let stature_mm = scan.stature_mm.unwrap_or(skeleton.avatar.stature_mm());
             let cancelled = || cancel.cancelled();
-            let poses: Vec<Pose> = views.iter().map(|view| bundle.poses[view.index]).collect();
-            let outlines =
-                Outlines::trace(&initial_body::fit_views(bundle, views, &poses, stature_mm));
-            let choose = || {
-                initial_body::choose_start(scan, bundle, views, &outlines, stature_mm, &cancelled)
-            };
-            let start = free.then(choose).transpose()?;
+            let poses: Vec<Pose> = views.iter().map(|view| view.skeleton().pose).collect();
+            let outlines = Outlines::trace(&fit_views(views, &poses, stature_mm));
+            let choose = || choose_start(scan, skeleton, views, &outlines, stature_mm, &cancelled);
+            let start = is_free(config).then(choose).transpose()?;
             let (avatar, posture, poses) = match &start {
                 Some(start) => (&start.avatar, &start.posture, &start.poses),
-                None => (&bundle.avatar, &bundle.posture, &poses),
+                None => (&skeleton.avatar, &skeleton.posture, &poses),
             };
             let fit = fit_outlines(
                 avatar,
-                &initial_body::fit_views(bundle, views, poses, stature_mm),
+                &fit_views(views, poses, stature_mm),
                 &outlines,
                 &FitPrior {
                     posture: *posture,
@@ -335,129 +302,133 @@ impl<'a> Job<'a> {
                 &config.fit,
                 &cancelled,
             );
-            Ok((fit, start.map(|start| start.figure)))
-        })?
+            Ok::<_, PipelineError>((fit, start.map(|start| start.figure)))
+        })??;
+        report.fit = Some(fit);
+        report.start = start;
+        for (view, fit) in report.views.iter_mut().zip(fitted_views) {
+            view.fit = Some(fit);
+        }
+        Ok(())
     }
 
-    /// Colors of the fitted body
-    pub(super) fn color(
-        &mut self,
-        bundle: &Bundle,
-        fit: &Fit,
-        views: &[ViewReport],
-    ) -> Result<Option<SurfaceColors>, PipelineError> {
+    /// Colors the fitted body
+    pub(super) fn color(&mut self, report: &mut Report) -> Result<(), PipelineError> {
         let scan = self.scan;
-        self.stage(Stage::Color, 1, |_| {
+        let (Some(fit), views) = (&report.fit, &report.views) else {
+            return Ok(());
+        };
+        report.colors = self.stage(Stage::Color, 1, |_| {
             let views: Vec<ColorView> = views
                 .iter()
-                .zip(&fit.poses)
-                .map(|(view, &pose)| ColorView {
-                    photo: &scan.views[view.index].photo,
+                .map(|view| ColorView {
+                    photo: &scan.views[view.id.0].photo,
                     mask: &view.silhouette.mask,
-                    camera: bundle.cameras[view.index],
-                    turn: bundle.turns[view.index],
-                    pose,
+                    camera: view.skeleton().camera,
+                    turn: view.skeleton().turn,
+                    pose: view.fit.map_or(view.skeleton().pose, |fit| fit.pose),
                 })
                 .collect();
             color_surface(&fit.avatar, &views, &ColorOptions::default())
-        })
+        })?;
+        Ok(())
     }
 
     /// Brings each silhouette to the reference pose
-    pub(super) fn normalize(
-        &mut self,
-        avatar: &Avatar,
-        bundle: &Bundle,
-        fit: Option<&Fit>,
-        views: Vec<ViewReport>,
-    ) -> Result<Vec<ViewReport>, PipelineError> {
+    pub(super) fn normalize(&mut self, report: &mut Report) -> Result<(), PipelineError> {
         let (config, cancel) = (self.config, self.cancel);
-        let results: Vec<Option<Result<NormalizedView, NormalizeError>>> =
-            self.stage(Stage::Normalize, views.len(), |steps| {
-                let normalizer = Normalizer::new(config, avatar, bundle, fit);
-                views
-                    .par_iter()
-                    .enumerate()
-                    .map(|(place, view)| {
-                        if cancel.cancelled() {
-                            return None;
-                        }
-                        let normalized = normalizer.normalize(place, view);
-                        steps.done();
-                        Some(normalized)
-                    })
-                    .collect()
-            })?;
-        let mut left = Vec::new();
+        let read: &Report = report;
+        let results: Vec<Option<Result<NormalizedView, NormalizeError>>> = self
+            .stage(Stage::Normalize, read.views.len(), |steps| {
+                let normalizer = Normalizer::new(config, read)?;
+                let normalize = |view| {
+                    if cancel.cancelled() {
+                        return None;
+                    }
+                    let normalized = normalizer.normalize(view);
+                    steps.done();
+                    Some(normalized)
+                };
+                Some(read.views.par_iter().map(normalize).collect())
+            })?
+            .unwrap_or_default();
+        let views = std::mem::take(&mut report.views);
         for (mut view, result) in views.into_iter().zip(results) {
             match result {
                 Some(Ok(normalized)) => {
                     for &warning in &normalized.warnings {
-                        let name = self.scan.views[view.index].name.clone();
+                        let name = self.scan.views[view.id.0].name.clone();
                         self.warn(Warning::Normalize {
                             view: name,
                             warning,
                         });
                     }
                     view.normalized = Some(normalized);
-                    left.push(view);
+                    report.views.push(view);
                 }
                 Some(Err(error)) => {
                     let reason = DropReason::Normalize(error);
-                    self.drop_view(view.index, Stage::Normalize, reason);
+                    self.drop_view(view.id, Stage::Normalize, reason);
                 }
                 None => return Err(PipelineError::Cancelled),
             }
         }
-        self.check_left(left.len())?;
-        Ok(left)
+        self.check_left(report.views.len())
     }
 
-    /// The body that all normalized silhouettes allow, and their outlines
-    pub(super) fn carve(
-        &mut self,
-        bundle: &Bundle,
-        fit: Option<&Fit>,
-        views: &[ViewReport],
-    ) -> Result<(TriMesh, Vec<OutlineMap>), PipelineError> {
-        self.stage(Stage::Carve, 1, |_| {
-            let outlines = normalized_outlines(views);
-            let options = CarveOptions::default();
-            let views = carve_views(bundle, views, &outlines);
-            let hull = match fit {
-                Some(fit) => carve_beside_avatar(&views, &fit.avatar, &options)?,
-                None => carve(&views, &options)?,
-            };
-            Ok((hull, outlines))
-        })?
+    /// Carves the hull where it is the body or was requested, and hands back the normalized outlines
+    pub(super) fn carve(&mut self, report: &mut Report) -> Result<Vec<OutlineMap>, PipelineError> {
+        let mut outlines = Vec::new();
+        if report.fit.is_none() || self.config.hull {
+            let (views, fit) = (&report.views, &report.fit);
+            let (hull, normalized) = self.stage(Stage::Carve, 1, |_| {
+                let outlines = normalized_outlines(views);
+                let options = CarveOptions::default();
+                let views = carve_views(views, &outlines);
+                let hull = match fit {
+                    Some(fit) => carve_beside_avatar(&views, &fit.avatar, &options)?,
+                    None => carve(&views, &options)?,
+                };
+                Ok::<_, PipelineError>((hull, outlines))
+            })??;
+            report.hull = Some(hull);
+            outlines = normalized;
+        }
+        report.body = match &report.fit {
+            Some(fit) => Some(fit.avatar.mesh.clone()),
+            None if self.config.hull => report.hull.clone(),
+            None => report.hull.take(),
+        };
+        Ok(outlines)
     }
 
     /// Tapes around the body: the fitted one, or the one carved from the `normalized` outlines
     pub(super) fn measure(
         &mut self,
-        bundle: &Bundle,
-        fit: Option<&Fit>,
-        views: &[ViewReport],
+        report: &mut Report,
         normalized: Vec<OutlineMap>,
-        body: &TriMesh,
-    ) -> Result<Measurements, PipelineError> {
+    ) -> Result<(), PipelineError> {
         let scan = self.scan;
+        let (Some(body), Some(avatar)) = (&report.body, report.person()) else {
+            return Ok(());
+        };
+        let (views, fitted) = (&report.views[..], report.fit.is_some());
         let found = self.stage(Stage::Measure, 1, |_| {
-            let outlines = match fit {
-                Some(_) => photographed_outlines(views),
-                None => normalized,
+            let outlines = match fitted {
+                true => photographed_outlines(views),
+                false => normalized,
             };
             measure(&MeasureInput {
                 body,
-                avatar: fit.map_or(&bundle.avatar, |fit| &fit.avatar),
-                fitted: fit.is_some(),
-                views: &measure_views(bundle, fit, views, &outlines),
+                avatar,
+                fitted,
+                views: &measure_views(views, &outlines),
                 stature_mm: scan.stature_mm,
                 stature_from: scan.stature_from,
                 subject: scan.subject,
                 given_masks: views
                     .iter()
-                    .filter(|view| scan.views[view.index].mask.is_some())
+                    .filter(|view| scan.views[view.id.0].mask.is_some())
                     .count() as f64
                     / views.len().max(1) as f64,
             })
@@ -473,7 +444,18 @@ impl<'a> Job<'a> {
                 });
             }
         }
-        Ok(found)
+        report.measurements = Some(found);
+        Ok(())
+    }
+
+    /// The report with what the job lists
+    pub(super) fn finish(self, report: Report) -> Report {
+        Report {
+            dropped: self.dropped,
+            warnings: self.warnings,
+            seconds: self.seconds,
+            ..report
+        }
     }
 }
 
@@ -499,19 +481,22 @@ const MIN_FIT_VIEWS: usize = 2;
 const CONTRADICTION: f64 = 0.07;
 
 /// Views that contradict the others, if those are a clear majority
-fn contradicting(ious: &[f64]) -> Vec<(usize, DropReason)> {
-    let mut sorted = ious.to_vec();
+fn contradicting(views: &[SolvedView]) -> Vec<(ViewId, DropReason)> {
+    let ious: Vec<(ViewId, f64)> = views
+        .iter()
+        .filter_map(|view| Some((view.id, view.fit?.silhouette_iou?)))
+        .collect();
+    let mut sorted: Vec<f64> = ious.iter().map(|(_, iou)| *iou).collect();
     sorted.sort_by(f64::total_cmp);
     let Some(&usual) = sorted.get(sorted.len() / 2) else {
         return Vec::new();
     };
-    let bad: Vec<(usize, DropReason)> = ious
+    let bad: Vec<(ViewId, DropReason)> = ious
         .iter()
-        .enumerate()
-        .filter(|(_, iou)| **iou < usual - CONTRADICTION)
-        .map(|(place, &iou)| (place, DropReason::Contradicts { iou, usual }))
+        .filter(|(_, iou)| *iou < usual - CONTRADICTION)
+        .map(|&(id, iou)| (id, DropReason::Contradicts { iou, usual }))
         .collect();
-    // Of few views nobody knows which one is wrong.
+    // With few views it is undecidable which one is wrong.
     if 4 * bad.len() <= ious.len() {
         bad
     } else {

@@ -6,12 +6,12 @@
 mod event;
 mod job;
 mod report;
-mod views;
+mod stages;
 mod warning;
 
 use thiserror::Error;
 
-use crate::body_fit::{Fit, FitOptions};
+use crate::body_fit::FitOptions;
 use crate::carve::CarveError;
 use crate::scan::Scan;
 use crate::segment::SegmentOptions;
@@ -23,7 +23,10 @@ use pirouette_body::mannequin::MannequinError;
 
 pub use crate::initial_body::StartFigure;
 pub use event::{CancelToken, Event, Stage};
-pub use report::{DropReason, DroppedView, Report, ViewReport};
+pub use report::{DropReason, DroppedView, Report};
+pub use stages::{
+    Normalizer, carve_views, make_avatar, normalized_outlines, photographed_outlines, render_priors,
+};
 pub use warning::Warning;
 
 /// How views are brought to the reference pose
@@ -164,7 +167,7 @@ pub enum PipelineError {
 
 /// Does the whole job on a loaded scan, up to the goal of `config`
 ///
-/// `tell` hears of progress and warnings, one at a time but from any thread.
+/// `on_event` receives progress and warnings; calls are serialized but may come from any thread.
 ///
 /// # Errors
 /// When too few views are left, the reference figure cannot be used, no skeleton fits, or the job was cancelled.
@@ -172,135 +175,39 @@ pub fn run(
     scan: &Scan,
     config: &Config,
     cancel: &CancelToken,
-    tell: &mut (dyn FnMut(Event) + Send),
+    on_event: &mut (dyn FnMut(Event) + Send),
 ) -> Result<Report, PipelineError> {
-    let mut job = Job::new(scan, config, cancel, tell);
+    let mut job = Job::new(scan, config, cancel, on_event);
     job.check_left(scan.views.len())?;
     let avatar = job.make_avatar()?;
-    let mut bundle = job.find_skeleton(&avatar)?;
-    let priors = job.render_priors(bundle.as_ref())?;
-    let mut views = job.segment(&priors)?;
+    let (skeleton, skeleton_views) = job.fit_skeleton(&avatar)?.unzip();
+    let priors = job.render_priors(skeleton.as_ref(), skeleton_views.as_deref())?;
+    let views = job.segment(skeleton_views, &priors)?;
     drop(priors);
-    let mut found_fit = None;
-    let mut start = None;
-    let mut colors = None;
-    let mut hull = None;
-    let mut body = None;
-    let mut measurements = None;
-    if let Some(bundle) = &mut bundle
-        && config.goal >= Goal::Normalize
-    {
-        let mut fit = match config.method {
-            Method::Fit => {
-                let (fit, figure) = job.fit(bundle, &mut views)?;
-                if let Some(camera) = fit.cameras.first() {
-                    bundle.move_cameras(camera);
-                }
-                start = figure;
-                Some(fit)
-            }
-            Method::ThreeStep => None,
-        };
-        let bundle = &*bundle;
-        if let Some(fit) = &fit
-            && config.goal >= Goal::Reconstruct
-        {
-            colors = job.color(bundle, fit, &views)?;
-        }
-        let fitted: Vec<usize> = views.iter().map(|view| view.index).collect();
-        views = job.normalize(&avatar, bundle, fit.as_ref(), views)?;
-        if let Some(fit) = &mut fit {
-            let left: Vec<usize> = views.iter().map(|view| view.index).collect();
-            keep_views(fit, &fitted, &left);
-        }
-        let mut normalized = Vec::new();
-        if config.goal >= Goal::Reconstruct {
-            if fit.is_none() || config.hull {
-                let (carved, outlines) = job.carve(bundle, fit.as_ref(), &views)?;
-                hull = Some(carved);
-                normalized = outlines;
-            }
-            body = match &fit {
-                Some(fit) => Some(fit.avatar.mesh.clone()),
-                None if config.hull => hull.clone(),
-                None => hull.take(),
-            };
-        }
-        if config.goal >= Goal::Measure
-            && let Some(body) = &body
-        {
-            measurements = Some(job.measure(bundle, fit.as_ref(), &views, normalized, body)?);
-        }
-        found_fit = fit;
-    }
-    let Job {
-        dropped,
-        warnings,
-        seconds,
-        ..
-    } = job;
-    Ok(Report {
-        method: config.method,
-        goal: config.goal,
-        avatar,
-        bundle,
-        fit: found_fit,
-        start,
-        views,
-        body,
-        colors,
-        hull,
-        measurements,
-        dropped,
-        warnings,
-        seconds,
-    })
+    let mut report = Report::new(config, avatar, skeleton, views);
+    find_body(&mut job, &mut report)?;
+    Ok(job.finish(report))
 }
 
-/// Leaves out what a fit holds about views that were dropped since; `fitted` and `left` are places in the scan
-fn keep_views(fit: &mut Fit, fitted: &[usize], left: &[usize]) {
-    let mut keep = fitted.iter().map(|index| left.contains(index));
-    let mut keep_camera = keep.clone();
-    let mut keep_iou = keep.clone();
-    fit.poses.retain(|_| keep.next().unwrap_or(false));
-    fit.cameras.retain(|_| keep_camera.next().unwrap_or(false));
-    fit.silhouette_ious
-        .retain(|_| keep_iou.next().unwrap_or(false));
-}
-
-#[cfg(test)]
-mod tests {
-    use glam::DVec3;
-
-    use super::*;
-    use pirouette_body::Camera;
-    use pirouette_body::Pose;
-    use pirouette_body::mannequin::{MannequinParameters, mannequin};
-
-    #[test]
-    fn poses_stay_beside_the_views_that_are_left() {
-        let pose = |x: f64| Pose {
-            shift_mm: DVec3::X * x,
-            ..Pose::default()
-        };
-        let camera = |height_mm: f64| Camera {
-            width_px: 8,
-            height_px: 10,
-            vertical_fov_radians: 0.8,
-            height_mm,
-            distance_mm: 2400.0,
-            pitch_radians: 0.0,
-        };
-        let mut fit = Fit {
-            avatar: mannequin(&MannequinParameters::default()).unwrap(),
-            poses: vec![pose(0.0), pose(2.0), pose(3.0), pose(5.0)],
-            cameras: [0.0, 2.0, 3.0, 5.0].map(camera).to_vec(),
-            silhouette_ious: vec![0.0, 0.2, 0.3, 0.5],
-            residual_px: 1.0,
-        };
-        keep_views(&mut fit, &[0, 2, 3, 5], &[0, 3, 5]);
-        assert_eq!(fit.poses, [pose(0.0), pose(3.0), pose(5.0)]);
-        assert_eq!(fit.cameras, [0.0, 3.0, 5.0].map(camera));
-        assert_eq!(fit.silhouette_ious, [0.0, 0.3, 0.5]);
+/// The stages that need a skeleton, up to the goal
+fn find_body(job: &mut Job, report: &mut Report) -> Result<(), PipelineError> {
+    let goal = report.goal;
+    if goal < Goal::Normalize || report.skeleton.is_none() {
+        return Ok(());
     }
+    if report.method == Method::Fit {
+        job.fit_body(report)?;
+    }
+    if report.fit.is_some() && goal >= Goal::Reconstruct {
+        job.color(report)?;
+    }
+    job.normalize(report)?;
+    if goal < Goal::Reconstruct {
+        return Ok(());
+    }
+    let normalized_outlines = job.carve(report)?;
+    if goal < Goal::Measure {
+        return Ok(());
+    }
+    job.measure(report, normalized_outlines)
 }

@@ -71,10 +71,8 @@ pub fn scale_by_pixels(
         distance_mm: None,
         ..scan.camera
     };
-    let found = bundle(&figure, &views, &camera, None, &BundleOptions::default())?;
-    let Some(camera) = found.cameras.first() else {
-        return Err(ScaleError::NoCard);
-    };
+    let (found, _) = bundle(&figure, &views, &camera, None, &BundleOptions::default())?;
+    let camera = &found.camera;
     let figures_mm_per_px = camera.distance_mm / camera.focal_px();
     let stature_mm = found.avatar.stature_mm() * mm_per_px / figures_mm_per_px;
     if !STATURES_MM.contains(&stature_mm) {

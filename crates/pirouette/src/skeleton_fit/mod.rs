@@ -20,7 +20,7 @@ mod swaps;
 mod tests;
 mod turns;
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use thiserror::Error;
 
 use crate::scan::{CameraSetup, View};
@@ -93,25 +93,32 @@ impl Default for BundleOptions {
     }
 }
 
-/// One body and one camera for all views
+/// A view as the skeleton explains it
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SkeletonView {
+    /// Turn angle: as given, unless [`Skeleton::turn_correction`] says otherwise
+    pub turn: TurnAngle,
+    /// The camera; those of all views differ in the size of the photo alone
+    pub camera: Camera,
+    /// Keypoints, with left and right swapped back where they were mixed up
+    pub keypoints: Keypoints,
+    /// Pose, posture and sway together
+    pub pose: Pose,
+}
+
+/// One body for all views
 #[derive(Debug, Clone)]
-pub struct Bundle {
+pub struct Skeleton {
     /// The reference figure with the person's bone lengths and stature, on the floor, in the reference pose
     pub avatar: Avatar,
-    /// The camera of each view; they differ in the size of the photo alone
-    pub cameras: Vec<Camera>,
-    /// Turn angle of each view: as given, unless `turn_correction` says otherwise
-    pub turns: Vec<TurnAngle>,
+    /// The camera of the first view; those of the others differ in the size of the photo alone
+    pub camera: Camera,
     /// What the given turn angles were changed by
     pub turn_correction: TurnCorrection,
-    /// Pose of each view, posture and sway together
-    pub poses: Vec<Pose>,
     /// What the poses have in common against the reference pose: how arms and thighs are held
     ///
     /// Zero unless the keypoints clearly ask for it.
     pub posture: Pose,
-    /// Keypoints of each view, with left and right swapped back where they were mixed up
-    pub keypoints: Vec<Keypoints>,
     /// Bone lengths against the reference figure of the same stature
     pub scales: Scales,
     /// Which limbs had left and right mixed up, with their views
@@ -290,7 +297,7 @@ pub fn bundle(
     camera: &CameraSetup,
     stature_mm: Option<f64>,
     options: &BundleOptions,
-) -> Result<Bundle, BundleError> {
+) -> Result<(Skeleton, Vec<SkeletonView>), BundleError> {
     if views.is_empty() {
         return Err(BundleError::NoViews);
     }
@@ -403,10 +410,8 @@ fn assemble(
     unknowns: &Unknowns,
     mended: Mended,
     mut warnings: Vec<BundleWarning>,
-) -> Bundle {
+) -> (Skeleton, Vec<SkeletonView>) {
     let shared = problem.shared(&unknowns.shared);
-    let cameras: Vec<Camera> = problem.views.iter().map(|v| shared.camera_of(v)).collect();
-
     let mut outliers = Vec::new();
     let (mut sum, mut count) = (0.0, 0usize);
     for (index, (view, pose)) in problem.views.iter().zip(&unknowns.poses).enumerate() {
@@ -451,7 +456,7 @@ fn assemble(
             });
         }
     }
-    let camera = cameras[0];
+    let camera = shared.camera_of(&problem.views[0]);
     if problem.camera.log_focal_sigma > 0.0 {
         warnings.push(BundleWarning::FieldOfViewUnknown {
             estimated_degrees: camera.vertical_fov_radians.to_degrees(),
@@ -462,14 +467,21 @@ fn assemble(
             estimated_mm: camera.height_mm,
         });
     }
-    Bundle {
+    let poses = final_poses(problem, &shared, unknowns);
+    let parts = problem.views.iter().zip(mended.keypoints).zip(poses);
+    let views = parts
+        .map(|((view, keypoints), pose)| SkeletonView {
+            turn: view.turn,
+            camera: shared.camera_of(view),
+            keypoints,
+            pose,
+        })
+        .collect();
+    let skeleton = Skeleton {
         avatar: scaled,
-        cameras,
-        turns: problem.views.iter().map(|view| view.turn).collect(),
-        poses: final_poses(problem, &shared, unknowns),
+        camera,
         posture: shared.posture,
         turn_correction: mended.turn_correction,
-        keypoints: mended.keypoints,
         scales: shared.scales,
         swaps: mended.swaps,
         outliers,
@@ -479,7 +491,8 @@ fn assemble(
             0.0
         },
         warnings,
-    }
+    };
+    (skeleton, views)
 }
 
 /// Poses of all views; one without keypoints takes the mean rotations of the others, and stands on the axis
@@ -520,48 +533,22 @@ fn enlarged(avatar: &Avatar, factor: f64) -> Avatar {
     large
 }
 
-impl Bundle {
-    /// Takes distance, height and pitch of all cameras from one that is known better
-    pub(crate) fn move_cameras(&mut self, better: &Camera) {
-        for camera in &mut self.cameras {
-            *camera = Camera {
-                width_px: camera.width_px,
-                height_px: camera.height_px,
-                ..*better
-            };
+impl SkeletonView {
+    /// The bones of the avatar in this view's pose, in the room
+    pub fn posed(&self, avatar: &Avatar) -> PosedBones {
+        pose_bones(&avatar.bone_heads, &self.pose, self.turn)
+    }
+
+    /// The avatar's joints in this view's pose in the room, in mm
+    pub fn joints(&self, avatar: &Avatar) -> [DVec3; Joint::COUNT] {
+        room_joints(&self.posed(avatar), &avatar.keypoints)
+    }
+
+    /// The same view by a camera of another distance, height, pitch and field of view
+    pub(crate) fn with_camera(self, better: &Camera) -> Self {
+        Self {
+            camera: better.with_size_of(&self.camera),
+            ..self
         }
-    }
-
-    /// The bones of one view's pose, in the room
-    ///
-    /// # Panics
-    /// When there is no such view.
-    pub fn posed(&self, view: usize) -> PosedBones {
-        pose_bones(&self.avatar.bone_heads, &self.poses[view], self.turns[view])
-    }
-
-    /// Joints of one view's pose in the room, in mm
-    ///
-    /// # Panics
-    /// When there is no such view.
-    pub fn joints(&self, view: usize) -> [DVec3; Joint::COUNT] {
-        room_joints(&self.posed(view), &self.avatar.keypoints)
-    }
-
-    /// Joints in the room of the same skeleton in the reference pose, turned like this view, in mm
-    ///
-    /// # Panics
-    /// When there is no such view.
-    pub fn reference_joints(&self, view: usize) -> [DVec3; Joint::COUNT] {
-        let room_from_world = self.turns[view].room_from_world();
-        self.avatar.keypoints.map(|point| room_from_world * point)
-    }
-
-    /// Room points in one view's photo, in px
-    ///
-    /// # Panics
-    /// When there is no such view.
-    pub fn project(&self, view: usize, joints: &[DVec3; Joint::COUNT]) -> [DVec2; Joint::COUNT] {
-        joints.map(|joint| self.cameras[view].project(joint))
     }
 }

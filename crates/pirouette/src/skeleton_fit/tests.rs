@@ -7,7 +7,9 @@ use proptest::prelude::*;
 
 use super::*;
 use pirouette_body::Keypoint;
-use scene::{Noise, STATURE_MM, Setting, Truth, body, joint_error_mm, scales, scan, setup, solved};
+use scene::{
+    Noise, STATURE_MM, Setting, Solved, Truth, body, joint_error_mm, scales, scan, setup, solved,
+};
 
 #[test]
 fn exact_keypoints_of_the_reference_pose_give_distance_and_lengths() {
@@ -16,9 +18,12 @@ fn exact_keypoints_of_the_reference_pose_give_distance_and_lengths() {
         ..Setting::default()
     });
     let found = solved(&truth);
-    let distance = found.cameras[0].distance_mm;
+    let distance = found.skeleton.camera.distance_mm;
     assert!((distance / 2400.0 - 1.0).abs() < 3e-3, "{distance}");
-    for (scale, solved_factor) in Scale::ALL.iter().map(|s| (s, found.scales.factor(*s))) {
+    for (scale, solved_factor) in Scale::ALL
+        .iter()
+        .map(|s| (s, found.skeleton.scales.factor(*s)))
+    {
         let expected = scales().factor(*scale);
         assert!(
             (solved_factor / expected - 1.0).abs() < 0.02,
@@ -26,9 +31,9 @@ fn exact_keypoints_of_the_reference_pose_give_distance_and_lengths() {
         );
     }
     assert!(joint_error_mm(&truth, &found) < 8.0);
-    assert!(found.rms_px < 0.5, "{}", found.rms_px);
-    assert!(found.swaps.is_empty() && found.outliers.is_empty());
-    assert_eq!(found.warnings, []);
+    assert!(found.skeleton.rms_px < 0.5, "{}", found.skeleton.rms_px);
+    assert!(found.skeleton.swaps.is_empty() && found.skeleton.outliers.is_empty());
+    assert_eq!(found.skeleton.warnings, []);
 }
 
 #[test]
@@ -40,12 +45,16 @@ fn sway_and_noise_stay_within_bounds() {
             ..Setting::default()
         });
         let found = solved(&truth);
-        let distance = found.cameras[0].distance_mm;
+        let distance = found.skeleton.camera.distance_mm;
         assert!((distance / 2400.0 - 1.0).abs() < 0.015, "{distance}");
         let error = joint_error_mm(&truth, &found);
         assert!(error < 20.0, "{error}");
-        assert!((2.0..5.0).contains(&found.rms_px), "{}", found.rms_px);
-        assert!(found.swaps.is_empty());
+        assert!(
+            (2.0..5.0).contains(&found.skeleton.rms_px),
+            "{}",
+            found.skeleton.rms_px
+        );
+        assert!(found.skeleton.swaps.is_empty());
     }
 }
 
@@ -56,7 +65,7 @@ fn a_pitched_camera_is_seen_from_the_keypoints() {
         ..Setting::default()
     });
     let found = solved(&truth);
-    let pitch = found.cameras[0].pitch_radians.to_degrees();
+    let pitch = found.skeleton.camera.pitch_radians.to_degrees();
     assert!((pitch - 5.0).abs() < 0.5, "{pitch}");
     assert!(joint_error_mm(&truth, &found) < 20.0);
 }
@@ -64,7 +73,7 @@ fn a_pitched_camera_is_seen_from_the_keypoints() {
 #[test]
 fn an_unknown_camera_is_estimated_and_said_so() {
     let truth = scan(&Setting::default());
-    let found = bundle(
+    let (skeleton, views) = bundle(
         &body(),
         &truth.views,
         &CameraSetup::default(),
@@ -72,7 +81,8 @@ fn an_unknown_camera_is_estimated_and_said_so() {
         &BundleOptions::default(),
     )
     .unwrap();
-    let told = |f: fn(&BundleWarning) -> bool| found.warnings.iter().any(f);
+    let found = Solved { skeleton, views };
+    let told = |f: fn(&BundleWarning) -> bool| found.skeleton.warnings.iter().any(f);
     assert!(told(
         |w| matches!(w, BundleWarning::StatureUnknown { assumed_mm } if (*assumed_mm - 1700.0).abs() < 1e-9)
     ));
@@ -84,13 +94,13 @@ fn an_unknown_camera_is_estimated_and_said_so() {
         w,
         BundleWarning::CameraHeightUnknown { .. }
     )));
-    let camera = found.cameras[0];
+    let camera = found.skeleton.camera;
     assert!((camera.height_mm - 900.0).abs() < 120.0, "{camera:?}");
     assert!(
         (camera.distance_mm / 2400.0 - 1.0).abs() < 0.1,
         "{camera:?}"
     );
-    assert!(found.rms_px < 2.0);
+    assert!(found.skeleton.rms_px < 2.0);
 }
 
 #[test]
@@ -99,7 +109,7 @@ fn a_posture_of_its_own_is_told_from_sway() {
         noise_px: 2.0,
         ..Setting::default()
     });
-    assert_eq!(solved(&truth).posture, Pose::default());
+    assert_eq!(solved(&truth).skeleton.posture, Pose::default());
 
     let bent = scan(&Setting {
         noise_px: 2.0,
@@ -108,10 +118,12 @@ fn a_posture_of_its_own_is_told_from_sway() {
     });
     let found = solved(&bent);
     for bone in [Bone::LeftForearm, Bone::RightForearm] {
-        let degrees = found.posture.rotations[bone as usize].x.to_degrees();
+        let degrees = found.skeleton.posture.rotations[bone as usize]
+            .x
+            .to_degrees();
         assert!((-45.0..-15.0).contains(&degrees), "{degrees}");
     }
-    assert!(found.swaps.is_empty());
+    assert!(found.skeleton.swaps.is_empty());
     let error = joint_error_mm(&bent, &found);
     assert!(error < 20.0, "{error}");
 }
@@ -122,8 +134,10 @@ fn a_given_distance_is_kept() {
     let mut camera = setup(&truth.camera);
     camera.distance_mm = Some(2400.0);
     let options = BundleOptions::default();
-    let found = bundle(&body(), &truth.views, &camera, Some(STATURE_MM), &options).unwrap();
-    assert!((found.cameras[0].distance_mm - 2400.0).abs() < 10.0);
+    let found: Solved = bundle(&body(), &truth.views, &camera, Some(STATURE_MM), &options)
+        .unwrap()
+        .into();
+    assert!((found.skeleton.camera.distance_mm - 2400.0).abs() < 10.0);
 }
 
 #[test]
@@ -149,34 +163,35 @@ fn swapped_limbs_are_found_and_mended() {
         limb.swap(&mut confused.views[view].keypoints);
     }
     let found = solved(&confused);
-    let mut swaps = found.swaps.clone();
+    let mut swaps = found.skeleton.swaps.clone();
     swaps.sort_unstable();
     assert_eq!(swaps, injected);
-    for (view, keypoints) in found.keypoints.iter().enumerate() {
+    for (view, keypoints) in found.views.iter().map(|v| &v.keypoints).enumerate() {
         assert_eq!(*keypoints, truth.views[view].keypoints);
     }
-    assert!((found.cameras[0].distance_mm - honest.cameras[0].distance_mm).abs() < 5.0);
+    assert!((found.skeleton.camera.distance_mm - honest.skeleton.camera.distance_mm).abs() < 5.0);
 
     let options = BundleOptions {
         mend_swaps: false,
         ..BundleOptions::default()
     };
     let camera = setup(&truth.camera);
-    let left = bundle(
+    let left: Solved = bundle(
         &body(),
         &confused.views,
         &camera,
         Some(STATURE_MM),
         &options,
     )
-    .unwrap();
-    assert!(left.swaps.is_empty() && !left.outliers.is_empty());
+    .unwrap()
+    .into();
+    assert!(left.skeleton.swaps.is_empty() && !left.skeleton.outliers.is_empty());
 }
 
 #[test]
 fn turn_angles_of_the_wrong_sign_or_start_are_corrected() {
     let right = solved(&scan(&Setting::default()));
-    assert_eq!(right.turn_correction, TurnCorrection::default());
+    assert_eq!(right.skeleton.turn_correction, TurnCorrection::default());
     for (sign, offset_degrees) in [(-1.0, 0.0), (1.0, 180.0), (-1.0, 90.0), (1.0, 30.0)] {
         let setting = Setting {
             noise_px: 2.0,
@@ -189,14 +204,20 @@ fn turn_angles_of_the_wrong_sign_or_start_are_corrected() {
             view.turn = TurnAngle::from_degrees(degrees);
         }
         let found = solved(&stated);
-        assert_eq!(found.turn_correction.reversed, sign < 0.0);
-        let backward = found.warnings.contains(&BundleWarning::TurnedBackward);
+        assert_eq!(found.skeleton.turn_correction.reversed, sign < 0.0);
+        let backward = found
+            .skeleton
+            .warnings
+            .contains(&BundleWarning::TurnedBackward);
         assert_eq!(backward, sign < 0.0);
-        let off = found.turn_correction.offset.degrees() - offset_degrees;
+        let off = found.skeleton.turn_correction.offset.degrees() - offset_degrees;
         let off = (off + 180.0).rem_euclid(360.0) - 180.0;
         assert!(off.abs() < 4.0, "{sign} {offset_degrees}: {off}");
         let shifted = |w: &BundleWarning| matches!(w, BundleWarning::TurnsShifted { .. });
-        assert_eq!(found.warnings.iter().any(shifted), offset_degrees != 0.0);
+        assert_eq!(
+            found.skeleton.warnings.iter().any(shifted),
+            offset_degrees != 0.0
+        );
         let error = joint_error_mm(&truth, &found);
         assert!(error < 40.0, "{sign} {offset_degrees}: {error}");
     }
@@ -212,8 +233,8 @@ fn an_outlier_is_named_and_harmless() {
     knee.position += DVec2::new(180.0, -60.0);
     truth.views[2].keypoints.set(Joint::LeftKnee, knee);
     let found = solved(&truth);
-    assert_eq!(found.outliers.len(), 1);
-    let outlier = found.outliers[0];
+    assert_eq!(found.skeleton.outliers.len(), 1);
+    let outlier = found.skeleton.outliers[0];
     assert_eq!((outlier.view, outlier.joint), (2, Joint::LeftKnee));
     assert!((outlier.residual_px - 190.0).abs() < 25.0, "{outlier:?}");
     let error = joint_error_mm(&truth, &found);
@@ -230,9 +251,9 @@ fn any_number_of_views_at_any_angle_works() {
             ..Setting::default()
         });
         let found = solved(&truth);
-        assert_eq!(found.poses.len(), count);
-        assert!(found.rms_px < 6.0);
-        assert!((found.cameras[0].distance_mm / 2400.0 - 1.0).abs() < 0.1);
+        assert_eq!(found.views.len(), count);
+        assert!(found.skeleton.rms_px < 6.0);
+        assert!((found.skeleton.camera.distance_mm / 2400.0 - 1.0).abs() < 0.1);
     }
 }
 
@@ -242,18 +263,21 @@ fn a_view_without_keypoints_takes_the_mean_pose() {
     truth.views[3].keypoints = Keypoints::default();
     let found = solved(&truth);
     assert_eq!(
-        found.warnings,
+        found.skeleton.warnings,
         [BundleWarning::ViewWithoutKeypoints { view: 3 }]
     );
     let others = found
-        .poses
+        .views
         .iter()
         .enumerate()
         .filter(|&(view, _)| view != 3);
     let bone = Bone::LeftForearm as usize;
-    let mean = others.map(|(_, pose)| pose.rotations[bone]).sum::<DVec3>() / 7.0;
-    assert!((found.poses[3].rotations[bone] - mean).length() < 1e-12);
-    assert_eq!(found.poses[3].shift_mm, DVec3::ZERO);
+    let mean = others
+        .map(|(_, view)| view.pose.rotations[bone])
+        .sum::<DVec3>()
+        / 7.0;
+    assert!((found.views[3].pose.rotations[bone] - mean).length() < 1e-12);
+    assert_eq!(found.views[3].pose.shift_mm, DVec3::ZERO);
 }
 
 #[test]
@@ -415,11 +439,12 @@ fn whole_turns_and_photo_size_change_nothing() {
         }
     }
     let found = solved(&Truth { views, ..truth });
-    for (a, b) in reference.poses.iter().zip(&found.poses) {
+    let pairs = reference.views.iter().zip(&found.views);
+    for (a, b) in pairs.map(|(a, b)| (&a.pose, &b.pose)) {
         let pairs = a.to_parameters().into_iter().zip(b.to_parameters());
         assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-6));
     }
-    let (a, b) = (reference.cameras[0], found.cameras[0]);
+    let (a, b) = (reference.skeleton.camera, found.skeleton.camera);
     assert!((a.distance_mm - b.distance_mm).abs() < 1e-6);
     assert!((a.focal_px() * 3.0 - b.focal_px()).abs() < 1e-6);
 }
@@ -442,10 +467,10 @@ fn mirrored_photos_give_mirrored_poses() {
         }
     }
     let found = solved(&Truth { views, ..truth });
-    for (view, pose) in reference.poses.iter().enumerate() {
+    for (view, pose) in reference.views.iter().map(|v| &v.pose).enumerate() {
         for bone in Bone::ALL {
             let a = pose.rotations[bone as usize];
-            let b = found.poses[view].rotations[bone.mirrored() as usize];
+            let b = found.views[view].pose.rotations[bone.mirrored() as usize];
             // rotation vectors are axial: x stays, y and z flip
             assert!((DVec3::new(a.x, -a.y, -a.z) - b).length() < 1e-6);
         }
@@ -480,10 +505,11 @@ proptest! {
         let camera = CameraSetup { vertical_fov_radians: fov, ..CameraSetup::default() };
         let options = BundleOptions::default();
         if let Ok(found) = bundle(&body(), &views, &camera, Some(STATURE_MM), &options) {
-            prop_assert!(found.rms_px.is_finite());
-            prop_assert!(found.cameras.iter().all(|c| c.distance_mm.is_finite()));
-            prop_assert!(found.poses.iter().flat_map(Pose::to_parameters).all(f64::is_finite));
-            prop_assert!(found.avatar.mesh.positions.iter().all(|p| p.is_finite()));
+            let found = Solved::from(found);
+            prop_assert!(found.skeleton.rms_px.is_finite());
+            prop_assert!(found.views.iter().all(|v| v.camera.distance_mm.is_finite()));
+            prop_assert!(found.views.iter().flat_map(|v| v.pose.to_parameters()).all(f64::is_finite));
+            prop_assert!(found.skeleton.avatar.mesh.positions.iter().all(|p| p.is_finite()));
         }
     }
 }

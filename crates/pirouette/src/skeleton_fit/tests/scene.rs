@@ -212,24 +212,41 @@ pub(super) fn setup(camera: &Camera) -> CameraSetup {
     }
 }
 
-pub(super) fn solved(truth: &Truth) -> Bundle {
-    bundle(
+/// A skeleton with its views
+#[derive(Debug)]
+pub(super) struct Solved {
+    pub(super) skeleton: Skeleton,
+    pub(super) views: Vec<SkeletonView>,
+}
+
+impl From<(Skeleton, Vec<SkeletonView>)> for Solved {
+    fn from((skeleton, views): (Skeleton, Vec<SkeletonView>)) -> Self {
+        Self { skeleton, views }
+    }
+}
+
+pub(super) fn solved(truth: &Truth) -> Solved {
+    let found = bundle(
         &body(),
         &truth.views,
         &setup(&truth.camera),
         Some(STATURE_MM),
         &BundleOptions::default(),
     )
-    .expect("a good scan")
+    .expect("a good scan");
+    found.into()
 }
 
 /// Root mean square distance of the joints from their true places, root shift and all, in mm
-pub(super) fn joint_error_mm(truth: &Truth, bundle: &Bundle) -> f64 {
+pub(super) fn joint_error_mm(truth: &Truth, found: &Solved) -> f64 {
     let mut sum = 0.0;
     for (view, pose) in truth.poses.iter().enumerate() {
         let posed = pose_bones(&truth.body.bone_heads, pose, truth.views[view].turn);
         let joints = room_joints(&posed, &truth.body.keypoints);
-        for (a, b) in joints.iter().zip(bundle.joints(view)) {
+        for (a, b) in joints
+            .iter()
+            .zip(found.views[view].joints(&found.skeleton.avatar))
+        {
             sum += (*a - b).length_squared();
         }
     }

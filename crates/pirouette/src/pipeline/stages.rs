@@ -1,0 +1,206 @@
+//! Stages as functions from views to results, for the pipeline and for studies of single stages.
+
+use pirouette_body::gltf::load_avatar;
+use pirouette_body::mannequin::{MannequinParameters, mannequin};
+use pirouette_body::render::SilhouetteMesh;
+use pirouette_body::{Avatar, Pose, pose_bones};
+use pirouette_geom::outline_map::OutlineMap;
+use pirouette_geom::{Mask, TriMesh};
+use rayon::prelude::*;
+
+use crate::body_fit::{OutlineTargets, RimMesh};
+use crate::carve::CarveView;
+use crate::measure::MeasureView;
+use crate::normalize::{
+    NormalizeError, NormalizeOptions, NormalizeView, NormalizedView, ReferenceView, RefineOptions,
+    RegisterOptions, normalize, shared_skeleton_joints,
+};
+use crate::pipeline::{AvatarSource, Config, Method, PipelineError, Report};
+use crate::scan::Scan;
+use crate::skeleton_fit::SkeletonView;
+use crate::view::SolvedView;
+
+/// Makes the reference avatar of a job, at the stature of the person
+///
+/// # Errors
+/// When there is no such mannequin, or the file cannot be used.
+pub fn make_avatar(scan: &Scan, source: &AvatarSource) -> Result<Avatar, PipelineError> {
+    match source {
+        AvatarSource::Mannequin { sex, mass_kg } => {
+            let parameters = MannequinParameters {
+                sex: *sex,
+                stature_mm: scan.stature_mm,
+                mass_kg: *mass_kg,
+                pose: scan.pose,
+                ..MannequinParameters::default()
+            };
+            Ok(mannequin(&parameters)?)
+        }
+        AvatarSource::File { name, bytes } => {
+            let avatar = load_avatar(bytes, scan.pose).map_err(|source| PipelineError::Avatar {
+                name: name.clone(),
+                source,
+            })?;
+            Ok(match scan.stature_mm {
+                Some(stature_mm) => avatar.scaled_to(stature_mm),
+                None => avatar,
+            })
+        }
+    }
+}
+
+/// Renders where each photo shows the avatar in the person's pose
+///
+/// `avatar` has the person's bone lengths. `on_view_done` is called from any thread.
+pub fn render_priors(
+    avatar: &Avatar,
+    views: &[SkeletonView],
+    on_view_done: &(dyn Fn() + Sync),
+) -> Vec<Mask> {
+    let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
+    let render = |view: &SkeletonView| {
+        let posed = pose_bones(&avatar.bone_heads, &view.pose, view.turn);
+        let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+        let coverage = mesh.silhouette(&positions, &view.camera);
+        on_view_done();
+        coverage.threshold(0.5)
+    };
+    views.par_iter().map(render).collect()
+}
+
+/// Normalizes views, with what they have in common prepared once
+#[derive(Debug)]
+pub struct Normalizer<'a> {
+    /// The person's skeleton, whose poses the views have
+    person: &'a Avatar,
+    reference: &'a Avatar,
+    mesh: SilhouetteMesh,
+    rim: Option<RimMesh>,
+    options: NormalizeOptions,
+}
+
+impl<'a> Normalizer<'a> {
+    /// Prepares the steps that a configuration selects
+    ///
+    /// `None` before a skeleton was found.
+    pub fn new(config: &Config, report: &'a Report) -> Option<Self> {
+        let options = match config.method {
+            Method::Fit => NormalizeOptions::fitted_body(),
+            Method::ThreeStep => NormalizeOptions::three_step(),
+        };
+        let options = NormalizeOptions {
+            register: config.register.then(RegisterOptions::default),
+            refine: config.refine.then(RefineOptions::default),
+            ..options
+        };
+        // The published method knows the person's proportions from the photo alone.
+        let reference = report
+            .fit
+            .as_ref()
+            .map_or(&report.avatar, |fit| &fit.avatar);
+        let mut normalizer = Self::with_options(report.person()?, reference, options);
+        let TriMesh {
+            positions,
+            triangles,
+        } = &reference.mesh;
+        normalizer.rim = report
+            .fit
+            .as_ref()
+            .map(|_| RimMesh::new(triangles, positions.len()));
+        Some(normalizer)
+    }
+
+    /// Prepares normalization without a fitted body: `person` has the poses of the views, `reference` is the target
+    pub fn with_options(
+        person: &'a Avatar,
+        reference: &'a Avatar,
+        options: NormalizeOptions,
+    ) -> Self {
+        Self {
+            person,
+            reference,
+            mesh: SilhouetteMesh::new(&reference.mesh.triangles),
+            rim: None,
+            options,
+        }
+    }
+
+    /// Transforms the silhouette of a view to the reference pose
+    ///
+    /// # Errors
+    /// As [`normalize`].
+    pub fn normalize(&self, view: &SolvedView) -> Result<NormalizedView, NormalizeError> {
+        let SkeletonView {
+            turn,
+            camera,
+            keypoints,
+            pose,
+        } = view.skeleton();
+        let (turn, fit) = (*turn, view.fit.as_ref());
+        let pose = fit.map_or(pose, |fit| &fit.pose);
+        let outline = self.rim.as_ref();
+        let outline = outline.map(|rim| OutlineTargets::new(self.person, rim, pose, turn, camera));
+        normalize(
+            &NormalizeView {
+                mask: &view.silhouette.mask,
+                soft: &view.silhouette.soft,
+                keypoints,
+                skeleton: Some(&shared_skeleton_joints(self.person, pose, turn, camera)),
+                outline: outline.as_ref(),
+                reference: &ReferenceView::render(
+                    self.reference,
+                    &self.mesh,
+                    turn,
+                    camera,
+                    self.options.method,
+                ),
+            },
+            &self.options,
+        )
+    }
+}
+
+/// Outlines of the normalized silhouettes, in the order of the views
+pub fn normalized_outlines(views: &[SolvedView]) -> Vec<OutlineMap> {
+    let outline = |normalized: &NormalizedView| {
+        // Soft silhouettes of all views at once would be the largest part of a job's memory.
+        OutlineMap::new(&normalized.soft(), OutlineMap::FAR_PX)
+    };
+    let normalized = views.par_iter().filter_map(|view| view.normalized.as_ref());
+    normalized.map(outline).collect()
+}
+
+/// Outlines of the photographed silhouettes, in the order of the views
+pub fn photographed_outlines(views: &[SolvedView]) -> Vec<OutlineMap> {
+    let outline =
+        |view: &SolvedView| OutlineMap::new(&view.silhouette.soft.whole(), OutlineMap::NEAR_PX);
+    views.par_iter().map(outline).collect()
+}
+
+/// Silhouettes to measure: photographed ones where a body was fitted, else normalized ones
+pub(super) fn measure_views<'a>(
+    views: &[SolvedView],
+    outlines: &'a [OutlineMap],
+) -> Vec<MeasureView<'a>> {
+    let views = views.iter().zip(outlines);
+    views
+        .map(|(view, outline)| MeasureView {
+            outline,
+            camera: view.skeleton().camera,
+            turn: view.skeleton().turn,
+            pose: view.fit.map_or(Pose::default(), |fit| fit.pose),
+        })
+        .collect()
+}
+
+/// Silhouettes in the reference pose to carve, with their outlines
+pub fn carve_views<'a>(views: &[SolvedView], outlines: &'a [OutlineMap]) -> Vec<CarveView<'a>> {
+    let views = views.iter().zip(outlines);
+    views
+        .map(|(view, outline)| CarveView {
+            outline,
+            camera: view.skeleton().camera,
+            turn: view.skeleton().turn,
+        })
+        .collect()
+}
