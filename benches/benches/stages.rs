@@ -8,7 +8,7 @@
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use pirouette::body_fit::{FitOptions, FitPrior, FitView, fit_body};
+use pirouette::body_fit::{BodyFitOptions, BodyFitPrior, BodyFitView, fit_body};
 use pirouette::carve::{CarveOptions, carve_beside_avatar};
 use pirouette::measure::{MeasureInput, MeasureView, measure};
 use pirouette::normalize::refine::{RefineOptions, refine};
@@ -106,11 +106,11 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
     });
 
     let stature_mm = skeleton.avatar.stature_mm();
-    let views: Vec<FitView> = stages
+    let views: Vec<BodyFitView> = stages
         .views
         .iter()
         .zip(&stages.silhouettes)
-        .map(|(view, silhouette)| FitView {
+        .map(|(view, silhouette)| BodyFitView {
             silhouette: &silhouette.soft,
             keypoints: &view.keypoints,
             camera: view.camera,
@@ -119,12 +119,12 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
             stature_mm,
         })
         .collect();
-    let prior = FitPrior {
+    let prior = BodyFitPrior {
         posture: skeleton.posture,
         stature_mm: Some(stature_mm),
-        ..FitPrior::default()
+        ..BodyFitPrior::default()
     };
-    let options = FitOptions::default();
+    let options = BodyFitOptions::default();
     let fit = || fit_body(&skeleton.avatar, &views, &prior, &options, &|| false);
     c.bench_function("fit the body", |b| b.iter(fit));
 

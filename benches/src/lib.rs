@@ -11,7 +11,9 @@ use pirouette::normalize::{
 };
 use pirouette::pipeline::render_priors;
 use pirouette::segment::{SegmentOptions, SegmentView, Silhouette, segment};
-use pirouette::skeleton_fit::{BundleOptions, BundleView, Skeleton, SkeletonView, bundle};
+use pirouette::skeleton_fit::{
+    KeypointView, Skeleton, SkeletonFitOptions, SkeletonView, fit_skeleton,
+};
 use pirouette_body::Avatar;
 use pirouette_body::Joint;
 use pirouette_body::Sex;
@@ -312,18 +314,18 @@ pub fn far_outlines(silhouettes: &[Grid<f32>]) -> Vec<OutlineMap> {
 /// When the keypoints of the rendered person do not do.
 pub fn find_skeleton(avatar: &Avatar, synthetic: &SyntheticScan) -> (Skeleton, Vec<SkeletonView>) {
     let scan = &synthetic.scan;
-    let views: Vec<BundleView> = scan
+    let views: Vec<KeypointView> = scan
         .views
         .iter()
-        .map(|view| BundleView {
+        .map(|view| KeypointView {
             turn: view.turn,
             keypoints: view.keypoints,
             width_px: view.photo.width(),
             height_px: view.photo.height(),
         })
         .collect();
-    let options = BundleOptions::default();
-    bundle(avatar, &views, &scan.camera, scan.stature_mm, &options).expect("a skeleton")
+    let options = SkeletonFitOptions::default();
+    fit_skeleton(avatar, &views, &scan.camera, scan.stature_mm, &options).expect("a skeleton")
 }
 
 fn segment_views<'a>(synthetic: &'a SyntheticScan, priors: &'a [Mask]) -> Vec<SegmentView<'a>> {

@@ -1,6 +1,6 @@
 //! What each part of the method is good for: the same people, with one part off at a time.
 
-use pirouette::body_fit::FitOptions;
+use pirouette::body_fit::BodyFitOptions;
 use pirouette::pipeline::{AvatarSource, CancelToken, Config, Goal, Method};
 use pirouette_body::Sex;
 use pirouette_body::mannequin::DEFAULT_BMI;
@@ -96,7 +96,7 @@ impl Part {
             Part::Plate => config.segment.plate = false,
             Part::Alpha => config.segment.alpha = false,
             Part::WideStart => {
-                let rounds = FitOptions::default().rounds;
+                let rounds = BodyFitOptions::default().rounds;
                 config.fit.rounds = rounds[rounds.len() / 2..].to_vec();
             }
             Part::ChosenStart => {

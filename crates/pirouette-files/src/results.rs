@@ -26,7 +26,7 @@ use pirouette::normalize::{JointPositions, LimbRefinement, Registration};
 use pirouette::pipeline::{Goal, Method, Report};
 use pirouette::scan::{Photo, View};
 use pirouette::sizes::{Chart, advise_person};
-use pirouette::skeleton_fit::{Scale, Skeleton};
+use pirouette::skeleton_fit::{BoneScale, Skeleton};
 use pirouette::view::SolvedView;
 use pirouette_body::{Bone, Joint};
 use pirouette_body::{Camera, ReferencePose};
@@ -407,7 +407,7 @@ fn camera_value(camera: &Camera) -> Value {
 }
 
 fn skeleton_value(skeleton: &Skeleton, views: &[View]) -> Value {
-    let scales = Scale::ALL
+    let scales = BoneScale::ALL
         .iter()
         .map(|&scale| {
             let factor = skeleton.scales.factor(scale);

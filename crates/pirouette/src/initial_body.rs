@@ -2,10 +2,14 @@
 
 use rayon::prelude::*;
 
-use crate::body_fit::{FitOptions, FitPrior, FitView, Outlines, fit_outlines, rigid_residual};
+use crate::body_fit::{
+    BodyFitOptions, BodyFitPrior, BodyFitView, Outlines, fit_outlines, rigid_residual,
+};
 use crate::pipeline::{AvatarSource, Config, Method, PipelineError};
 use crate::scan::{CameraSetup, Scan};
-use crate::skeleton_fit::{BundleError, BundleOptions, BundleView, Skeleton, bundle};
+use crate::skeleton_fit::{
+    KeypointView, Skeleton, SkeletonFitError, SkeletonFitOptions, fit_skeleton,
+};
 use crate::view::SolvedView;
 use pirouette_body::Avatar;
 use pirouette_body::Pose;
@@ -37,12 +41,12 @@ pub(crate) struct Start {
     /// Pose of each view that went through, in their order
     pub(crate) poses: Vec<Pose>,
     /// Whose proportions it has
-    pub(crate) figure: StartFigure,
+    pub(crate) figure: InitialMannequin,
 }
 
 /// The mannequin that a fit started from
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StartFigure {
+pub struct InitialMannequin {
     /// Whose proportions it has; says nothing for sure about the person
     pub sex: Sex,
     /// Its mass, in kg
@@ -54,11 +58,11 @@ pub(crate) fn fit_views<'a>(
     views: &'a [SolvedView],
     poses: &[Pose],
     stature_mm: f64,
-) -> Vec<FitView<'a>> {
+) -> Vec<BodyFitView<'a>> {
     views
         .iter()
         .zip(poses)
-        .map(|(view, &pose)| FitView {
+        .map(|(view, &pose)| BodyFitView {
             silhouette: &view.silhouette.soft,
             keypoints: &view.skeleton().keypoints,
             camera: view.skeleton().camera,
@@ -99,12 +103,12 @@ pub(crate) fn choose_start(
         &avatar,
         &fit_views(views, &poses, stature_mm),
         outlines,
-        &FitPrior {
+        &BodyFitPrior {
             posture,
             stature_mm: Some(stature_mm),
-            ..FitPrior::default()
+            ..BodyFitPrior::default()
         },
-        &FitOptions::trial(),
+        &BodyFitOptions::trial(),
         cancelled,
     );
     let mass_kg = rough.avatar.mesh.volume() * KG_PER_CUBIC_MM;
@@ -128,7 +132,7 @@ pub(crate) fn choose_start(
     };
     let (avatar, posture, poses) = posed(&chosen)?;
     Ok(Start {
-        figure: StartFigure {
+        figure: InitialMannequin {
             sex: parameters.sex,
             mass_kg: parameters
                 .mass_kg
@@ -152,13 +156,13 @@ fn pose_figure(
     views: &[SolvedView],
     figure: &Avatar,
     stature_mm: f64,
-) -> Result<(Avatar, Pose, Vec<Pose>), BundleError> {
-    let bundle_views: Vec<BundleView> = views
+) -> Result<(Avatar, Pose, Vec<Pose>), SkeletonFitError> {
+    let bundle_views: Vec<KeypointView> = views
         .iter()
-        .map(|view| BundleView {
+        .map(|view| KeypointView {
             turn: view.skeleton().turn,
             keypoints: view.skeleton().keypoints,
-            ..BundleView::from(&scan.views[view.id.0])
+            ..KeypointView::from(&scan.views[view.id.0])
         })
         .collect();
     let camera = &skeleton.camera;
@@ -168,12 +172,12 @@ fn pose_figure(
         distance_mm: Some(camera.distance_mm),
         pitch_radians: Some(camera.pitch_radians),
     };
-    let options = BundleOptions {
-        mend_swaps: false,
+    let options = SkeletonFitOptions {
+        fix_swaps: false,
         correct_turns: false,
-        ..BundleOptions::default()
+        ..SkeletonFitOptions::default()
     };
-    let (posed, views) = bundle(figure, &bundle_views, &setup, Some(stature_mm), &options)?;
+    let (posed, views) = fit_skeleton(figure, &bundle_views, &setup, Some(stature_mm), &options)?;
     let poses = views.iter().map(|view| view.pose).collect();
     Ok((posed.avatar, posed.posture, poses))
 }

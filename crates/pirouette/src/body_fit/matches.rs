@@ -4,9 +4,9 @@ use glam::DVec3;
 use pirouette_geom::Windowed;
 use rayon::prelude::*;
 
+use super::occluding_contour::ContourMesh;
 use super::outline::{EdgePoint, PointIndex, SPACING, trace};
-use super::rim::RimMesh;
-use super::{Body, FitView};
+use super::{Body, BodyFitView};
 use pirouette_body::{Camera, Projector};
 use pirouette_body::{Pose, pose_bones};
 
@@ -72,7 +72,7 @@ impl Match {
 /// `radius` in nominal px.
 pub(super) fn match_views(
     body: &Body,
-    views: &[FitView],
+    views: &[BodyFitView],
     outlines: &[Outline],
     poses: &[Pose],
     radius: f64,
@@ -91,7 +91,7 @@ pub(super) fn match_views(
 ///
 /// `posed` in the room, in mm; `radius` in nominal px.
 fn find_matches(
-    mesh: &RimMesh,
+    mesh: &ContourMesh,
     posed: &[DVec3],
     camera: &Camera,
     outline: &Outline,

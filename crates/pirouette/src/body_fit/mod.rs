@@ -8,9 +8,9 @@
 //! into the surface; arms are brought to the reference pose. Hollows that no outline shows stay as the avatar has them.
 
 mod matches;
+mod occluding_contour;
 mod outline;
 mod pose_step;
-mod rim;
 mod shape_step;
 mod shared_step;
 mod surface;
@@ -33,7 +33,7 @@ use shape_step::ShapeSolver;
 use shared_step::{Reshape, SharedStep, arm_shares, step_together};
 use surface::Surface;
 
-pub use rim::RimMesh;
+pub use occluding_contour::ContourMesh;
 pub use targets::OutlineTargets;
 
 /// Height of the person in the photos for which the pixel values of the fit are given
@@ -43,7 +43,7 @@ pub(crate) const NOMINAL_STATURE_PX: f64 = 800.0;
 
 /// One view to fit
 #[derive(Debug, Clone, Copy)]
-pub struct FitView<'a> {
+pub struct BodyFitView<'a> {
     /// Soft silhouette of the person, 1 inside
     pub silhouette: &'a Windowed<f32>,
     /// Detected joints
@@ -58,7 +58,7 @@ pub struct FitView<'a> {
     pub stature_mm: f64,
 }
 
-impl FitView<'_> {
+impl BodyFitView<'_> {
     /// How tall the person is in the photo, in px
     fn stature_px(&self) -> f64 {
         self.camera.focal_px() * self.stature_mm / self.camera.distance_mm
@@ -74,7 +74,7 @@ impl FitView<'_> {
 
 /// What is known beforehand of all views together
 #[derive(Debug, Clone, Copy, Default)]
-pub struct FitPrior {
+pub struct BodyFitPrior {
     /// The pose that sway goes about
     pub posture: Pose,
     /// Height of the person, in mm, if it is known
@@ -96,7 +96,7 @@ pub struct CameraSpread {
 
 /// How the fit is done
 #[derive(Debug, Clone, PartialEq)]
-pub struct FitOptions {
+pub struct BodyFitOptions {
     /// Whether left and right of the body are taken to be alike where outlines do not say otherwise
     pub symmetry: bool,
     /// Whether the mean pose of all views goes into the surface
@@ -131,7 +131,7 @@ const COUNT: usize = 2000;
 /// Rounds of a trial
 const TRIAL_ROUNDS: usize = 4;
 
-impl Default for FitOptions {
+impl Default for BodyFitOptions {
     fn default() -> Self {
         // A wide start, because bodies far from the avatar (large busts, bellies) would else come out too small.
         let rounds = [
@@ -166,7 +166,7 @@ impl Default for FitOptions {
     }
 }
 
-impl FitOptions {
+impl BodyFitOptions {
     /// The first rounds only: enough to compare bodies to start from
     pub fn trial() -> Self {
         let mut options = Self {
@@ -202,7 +202,7 @@ pub struct FittedView {
 /// The surface while it is fitted
 #[derive(Debug, Clone)]
 struct Body<'a> {
-    rim: &'a RimMesh,
+    rim: &'a ContourMesh,
     weights: &'a [SkinWeight],
     /// By which share each vertex hangs on the left and on the right arm
     arms: Vec<[f64; 2]>,
@@ -214,7 +214,7 @@ struct Body<'a> {
 }
 
 impl<'a> Body<'a> {
-    fn new(avatar: &'a Avatar, rim: &'a RimMesh) -> Self {
+    fn new(avatar: &'a Avatar, rim: &'a ContourMesh) -> Self {
         Self {
             rim,
             weights: &avatar.weights,
@@ -300,9 +300,9 @@ fn carries_posture(bone: Bone) -> bool {
 /// comes back.
 pub fn fit_body(
     avatar: &Avatar,
-    views: &[FitView],
-    prior: &FitPrior,
-    options: &FitOptions,
+    views: &[BodyFitView],
+    prior: &BodyFitPrior,
+    options: &BodyFitOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> (FittedBody, Vec<FittedView>) {
     let outlines = Outlines::trace(views);
@@ -312,17 +312,17 @@ pub fn fit_body(
 /// The same with outlines that are known
 pub(crate) fn fit_outlines(
     avatar: &Avatar,
-    views: &[FitView],
+    views: &[BodyFitView],
     Outlines(outlines): &Outlines,
-    prior: &FitPrior,
-    options: &FitOptions,
+    prior: &BodyFitPrior,
+    options: &BodyFitOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> (FittedBody, Vec<FittedView>) {
     let mut counts: Vec<usize> = options.rounds.iter().map(|r| r.coarse_count).collect();
     counts.sort_unstable_by(|a, b| b.cmp(a));
     counts.dedup();
     let (rim, levels) = rayon::join(
-        || RimMesh::new(&avatar.mesh.triangles, avatar.mesh.positions.len()),
+        || ContourMesh::new(&avatar.mesh.triangles, avatar.mesh.positions.len()),
         || Surface::levels(avatar, &counts),
     );
     let mut body = Body::new(avatar, &rim);
@@ -413,7 +413,7 @@ pub(crate) fn fit_outlines(
 }
 
 /// Intersection over union of the posed body's silhouette with that of the photo, for each view
-fn overlaps(fitted: &Avatar, views: &[FitView], poses: &[Pose]) -> Vec<Option<f64>> {
+fn overlaps(fitted: &Avatar, views: &[BodyFitView], poses: &[Pose]) -> Vec<Option<f64>> {
     let mesh = SilhouetteMesh::new(&fitted.mesh.triangles);
     views
         .par_iter()
@@ -434,13 +434,13 @@ fn overlaps(fitted: &Avatar, views: &[FitView], poses: &[Pose]) -> Vec<Option<f6
 pub(crate) fn rigid_residual(
     avatar: &Avatar,
     posture: &Pose,
-    views: &[FitView],
+    views: &[BodyFitView],
     Outlines(outlines): &Outlines,
 ) -> f64 {
-    let Some(round) = FitOptions::default().rounds.first().copied() else {
+    let Some(round) = BodyFitOptions::default().rounds.first().copied() else {
         return f64::INFINITY;
     };
-    let rim = RimMesh::new(&avatar.mesh.triangles, avatar.mesh.positions.len());
+    let rim = ContourMesh::new(&avatar.mesh.triangles, avatar.mesh.positions.len());
     let body = Body::new(avatar, &rim);
     let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
     let find = |poses: &[Pose]| match_views(&body, views, outlines, poses, round.radius);
@@ -465,9 +465,10 @@ pub(crate) fn rigid_residual(
 pub(crate) struct Outlines(Vec<Outline>);
 
 impl Outlines {
-    pub(crate) fn trace(views: &[FitView]) -> Self {
-        let trace =
-            |view: &FitView| Outline::new(view.silhouette, view.stature_px() / NOMINAL_STATURE_PX);
+    pub(crate) fn trace(views: &[BodyFitView]) -> Self {
+        let trace = |view: &BodyFitView| {
+            Outline::new(view.silhouette, view.stature_px() / NOMINAL_STATURE_PX)
+        };
         Self(views.par_iter().map(trace).collect())
     }
 }

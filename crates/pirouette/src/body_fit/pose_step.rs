@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::matches::{Match, Outline};
 use super::shared_step::{SHARED, SharedStep, arm_shares, camera_rates};
-use super::{Body, FitView};
+use super::{Body, BodyFitView};
 use pirouette_body::Camera;
 use pirouette_body::{Bone, Joint};
 use pirouette_body::{Motion, Pose, PosedBones, SkinWeight, pose_bones};
@@ -31,7 +31,7 @@ const KEYPOINT_WIDTH: f64 = 3.0;
 pub(super) const STEPS: usize = 2;
 
 /// The bones in a pose of one view, as `shared` reshapes the body
-fn posed_bones(body: &Body, view: &FitView, pose: &Pose, shared: &SharedStep) -> PosedBones {
+fn posed_bones(body: &Body, view: &BodyFitView, pose: &Pose, shared: &SharedStep) -> PosedBones {
     let frame = body.reshape_frame(view.stature_mm);
     let heads = std::array::from_fn(|b| {
         let (head, bone) = (body.bone_heads[b], Bone::ALL[b]);
@@ -78,7 +78,7 @@ fn shares(weights: impl Iterator<Item = (Bone, f64)>) -> [f64; Bone::COUNT] {
 /// `matches` say what explains the outline; `prior` is the pose that sway goes about. `None` when rounding breaks them.
 pub(super) fn equations(
     body: &Body,
-    view: &FitView,
+    view: &BodyFitView,
     (outline, matches): (&Outline, &[Match]),
     prior: &Pose,
     pose: &Pose,
@@ -150,7 +150,7 @@ fn fill_row(
 
 /// Derivatives by what all views share; `reshaped` are those of the point in the room by width and lift
 fn fill_shared(
-    view: &FitView,
+    view: &BodyFitView,
     gradient: DVec3,
     point: DVec3,
     reshaped: [DVec3; 2],
@@ -168,7 +168,7 @@ fn fill_shared(
 
 fn add_keypoints(
     body: &Body,
-    view: &FitView,
+    view: &BodyFitView,
     posed: &PosedBones,
     motions: &[Motion; POSE],
     shared: &SharedStep,

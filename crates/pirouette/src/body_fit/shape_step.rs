@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::matches::{Match, Outline};
 use super::surface::Surface;
-use super::{Body, FitOptions, FitView};
+use super::{Body, BodyFitOptions, BodyFitView};
 use pirouette_body::Projector;
 use pirouette_body::{Pose, PosedBones, pose_bones};
 
@@ -67,7 +67,7 @@ impl<'a> ShapeSolver<'a> {
         surface: &'a Surface,
         body: &Body,
         stature_mm: Option<f64>,
-        options: &FitOptions,
+        options: &BodyFitOptions,
     ) -> Option<Self> {
         let count = surface.coarse_count();
         // L is the identity minus the mean of the neighbors; the energy is |S L d|².
@@ -123,11 +123,11 @@ impl<'a> ShapeSolver<'a> {
     pub(super) fn step(
         &mut self,
         body: &mut Body,
-        views: &[FitView],
+        views: &[BodyFitView],
         outlines: (&[Outline], &[Vec<Match>]),
         poses: &[Pose],
         round: &super::Round,
-        options: &FitOptions,
+        options: &BodyFitOptions,
     ) -> Option<f64> {
         let rows = rows(body, views, outlines, poses, round);
         let surface = self.surface;
@@ -240,7 +240,7 @@ fn anchors(rest: &[DVec3], stature_mm: Option<f64>) -> Vec<Anchor> {
 /// The residuals of all views
 pub(super) fn rows(
     body: &Body,
-    views: &[FitView],
+    views: &[BodyFitView],
     (outlines, matches): (&[Outline], &[Vec<Match>]),
     poses: &[Pose],
     round: &super::Round,

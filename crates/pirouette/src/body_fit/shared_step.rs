@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::matches::{Match, Outline};
 use super::pose_step::{ALL, Equations, POSE, STEPS, equations};
-use super::{Body, CameraSpread, FitView};
+use super::{Body, BodyFitView, CameraSpread};
 use pirouette_body::Bone;
 use pirouette_body::Camera;
 use pirouette_body::{Pose, SkinWeight};
@@ -112,7 +112,7 @@ pub(super) fn camera_rates(point: DVec3, camera: &Camera) -> [DVec3; 3] {
 
 /// The poses of all views after a step, and what they share
 #[derive(Debug)]
-pub(super) struct Together {
+pub(super) struct PoseUpdate {
     pub(super) poses: Vec<Pose>,
     pub(super) shared: SharedStep,
 }
@@ -123,11 +123,11 @@ pub(super) struct Together {
 /// the surface stays as well. `matches` stay the same in all steps.
 pub(super) fn step_together(
     body: &Body,
-    views: &[FitView],
+    views: &[BodyFitView],
     (outlines, matches): (&[Outline], &[Vec<Match>]),
     (prior, poses): (&Pose, &[Pose]),
     (start, spread): (Option<&Camera>, &CameraSpread),
-) -> Together {
+) -> PoseUpdate {
     let mut poses = poses.to_vec();
     let mut total = [0.0; SHARED];
     let sigmas = sigmas(spread);
@@ -136,7 +136,7 @@ pub(super) fn step_together(
         let equations: Vec<Option<Equations>> = (0..views.len())
             .into_par_iter()
             .map(|i| {
-                let view = FitView {
+                let view = BodyFitView {
                     camera: shared.moved(&views[i].camera),
                     ..views[i]
                 };
@@ -173,7 +173,7 @@ pub(super) fn step_together(
             }
         }
     }
-    Together {
+    PoseUpdate {
         poses,
         shared: SharedStep::from_array(total),
     }

@@ -3,8 +3,8 @@
 use glam::DVec2;
 
 use super::NOMINAL_STATURE_PX;
+use super::occluding_contour::ContourMesh;
 use super::outline::{EdgePoint, PointIndex};
-use super::rim::RimMesh;
 use pirouette_body::Avatar;
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
@@ -31,7 +31,7 @@ impl OutlineTargets {
     /// `rim` is made of the body's mesh.
     pub fn new(
         avatar: &Avatar,
-        rim: &RimMesh,
+        rim: &ContourMesh,
         pose: &Pose,
         turn: TurnAngle,
         camera: &Camera,

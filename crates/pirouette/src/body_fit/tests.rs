@@ -57,9 +57,9 @@ impl Seen {
         Self::new(figure, &turns, &vec![Pose::default(); view_count])
     }
 
-    fn views(&self) -> Vec<FitView<'_>> {
+    fn views(&self) -> Vec<BodyFitView<'_>> {
         (0..self.turns.len())
-            .map(|i| FitView {
+            .map(|i| BodyFitView {
                 silhouette: &self.silhouettes[i],
                 keypoints: &self.keypoints[i],
                 camera: self.camera,
@@ -70,14 +70,14 @@ impl Seen {
             .collect()
     }
 
-    fn prior(&self) -> FitPrior {
-        FitPrior {
+    fn prior(&self) -> BodyFitPrior {
+        BodyFitPrior {
             stature_mm: Some(self.stature_mm),
-            ..FitPrior::default()
+            ..BodyFitPrior::default()
         }
     }
 
-    fn fit(&self, start: &Avatar, options: &FitOptions) -> Found {
+    fn fit(&self, start: &Avatar, options: &BodyFitOptions) -> Found {
         fit_body(start, &self.views(), &self.prior(), options, &|| false).into()
     }
 }
@@ -121,8 +121,8 @@ fn figure(sex: Sex, mass_kg: f64) -> Avatar {
     .unwrap()
 }
 
-fn quick() -> FitOptions {
-    let mut options = FitOptions::default();
+fn quick() -> BodyFitOptions {
+    let mut options = BodyFitOptions::default();
     for round in &mut options.rounds {
         round.coarse_count = 1200;
     }
@@ -234,7 +234,7 @@ fn two_views_and_empty_silhouettes_still_give_a_closed_body() {
     assert_eq!(
         seen.fit(
             &truth,
-            &FitOptions {
+            &BodyFitOptions {
                 rounds: Vec::new(),
                 ..quick()
             }
@@ -254,7 +254,7 @@ fn a_camera_that_was_taken_for_another_is_found() {
         view.camera.pitch_radians += 0.4_f64.to_radians();
     }
     let fit = |camera: CameraSpread| {
-        let prior = FitPrior {
+        let prior = BodyFitPrior {
             camera,
             ..seen.prior()
         };
@@ -296,7 +296,7 @@ fn the_rim_of_a_figure_lies_on_its_silhouettes_outline() {
     for (view, turn) in seen.turns.iter().enumerate() {
         let posed = pose_bones(&truth.bone_heads, &Pose::default(), *turn);
         let positions = posed.skin(&truth.mesh.positions, &truth.weights);
-        let mesh = rim::RimMesh::new(&truth.mesh.triangles, positions.len());
+        let mesh = occluding_contour::ContourMesh::new(&truth.mesh.triangles, positions.len());
         let rim = mesh.rim(&positions, &seen.camera, 1.0);
         let outline = outline::PointIndex::new(&outline::trace(&seen.silhouettes[view], 0.5), 1.0);
         assert!(rim.len() > 300);
@@ -316,7 +316,7 @@ fn outline_targets_lead_from_the_photo_to_the_reference_pose() {
     pose.shift_mm = DVec3::new(20.0, 0.0, 0.0);
     let turn = TurnAngle::from_degrees(0.0);
     let seen = Seen::new(&truth, &[turn], &[pose]);
-    let rim = RimMesh::new(&truth.mesh.triangles, truth.mesh.positions.len());
+    let rim = ContourMesh::new(&truth.mesh.triangles, truth.mesh.positions.len());
     let targets = OutlineTargets::new(&truth, &rim, &pose, turn, &seen.camera);
     let reference = Seen::new(&truth, &[turn], &[Pose::default()]);
     let outline = outline::trace(&seen.silhouettes[0], 0.5);

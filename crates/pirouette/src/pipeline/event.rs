@@ -13,13 +13,13 @@ pub enum Stage {
     /// The reference figure is made or read
     Avatar,
     /// One skeleton is found for all views
-    Bundle,
+    SkeletonFit,
     /// The reference figure is drawn in the person's poses
     Prior,
     /// Photos become silhouettes
     Segment,
     /// One body and its poses are fitted to all silhouettes
-    Fit,
+    BodyFit,
     /// The fitted body takes the colors of the photos
     Color,
     /// Silhouettes are brought to the reference pose
@@ -40,10 +40,10 @@ impl Stage {
         match self {
             Stage::Load => "load",
             Stage::Avatar => "avatar",
-            Stage::Bundle => "skeleton",
+            Stage::SkeletonFit => "skeleton",
             Stage::Prior => "prior",
             Stage::Segment => "segment",
-            Stage::Fit => "fit",
+            Stage::BodyFit => "fit",
             Stage::Color => "color",
             Stage::Normalize => "normalize",
             Stage::Carve => "carve",

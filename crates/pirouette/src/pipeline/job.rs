@@ -8,7 +8,7 @@ use pirouette_geom::Mask;
 use pirouette_geom::outline_map::OutlineMap;
 use rayon::prelude::*;
 
-use crate::body_fit::{CameraSpread, FitPrior, Outlines, fit_outlines};
+use crate::body_fit::{BodyFitPrior, CameraSpread, Outlines, fit_outlines};
 use crate::carve::{CarveOptions, carve, carve_beside_avatar};
 use crate::color::{ColorOptions, ColorView, color_surface};
 use crate::initial_body::{choose_start, fit_views, is_free};
@@ -24,7 +24,7 @@ use crate::pipeline::{
 };
 use crate::scan::{CameraSetup, Scan};
 use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
-use crate::skeleton_fit::{BundleOptions, BundleView, Skeleton, SkeletonView, bundle};
+use crate::skeleton_fit::{KeypointView, Skeleton, SkeletonFitOptions, SkeletonView, fit_skeleton};
 use crate::view::{SolvedView, ViewId};
 
 /// A running job
@@ -147,10 +147,10 @@ impl<'a> Job<'a> {
         if self.config.goal == Goal::Segment && !self.one_shape() {
             return Ok(None);
         }
-        let found = self.stage(Stage::Bundle, 1, |_| {
-            let views: Vec<BundleView> = scan.views.iter().map(BundleView::from).collect();
-            let options = BundleOptions::default();
-            bundle(avatar, &views, &scan.camera, scan.stature_mm, &options)
+        let found = self.stage(Stage::SkeletonFit, 1, |_| {
+            let views: Vec<KeypointView> = scan.views.iter().map(KeypointView::from).collect();
+            let options = SkeletonFitOptions::default();
+            fit_skeleton(avatar, &views, &scan.camera, scan.stature_mm, &options)
         })?;
         let (skeleton, views) = match found {
             Ok(found) => found,
@@ -164,7 +164,7 @@ impl<'a> Job<'a> {
         for &warning in &skeleton.warnings {
             // Silhouettes have no size in mm.
             if self.config.goal > Goal::Segment || !warning::is_about_scale(warning) {
-                self.warn(Warning::Bundle(warning));
+                self.warn(Warning::Skeleton(warning));
             }
         }
         for &(view, limb) in &skeleton.swaps {
@@ -248,7 +248,7 @@ impl<'a> Job<'a> {
         let bad = contradicting(&report.views);
         if !bad.is_empty() {
             for (id, reason) in &bad {
-                self.drop_view(*id, Stage::Fit, reason.clone());
+                self.drop_view(*id, Stage::BodyFit, reason.clone());
             }
             report
                 .views
@@ -279,7 +279,7 @@ impl<'a> Job<'a> {
             return Ok(());
         };
         let views = &report.views[..];
-        let ((fit, fitted_views), start) = self.stage(Stage::Fit, 1, |_| {
+        let ((fit, fitted_views), start) = self.stage(Stage::BodyFit, 1, |_| {
             let stature_mm = scan.stature_mm.unwrap_or(skeleton.avatar.stature_mm());
             let cancelled = || cancel.cancelled();
             let poses: Vec<Pose> = views.iter().map(|view| view.skeleton().pose).collect();
@@ -294,7 +294,7 @@ impl<'a> Job<'a> {
                 avatar,
                 &fit_views(views, poses, stature_mm),
                 &outlines,
-                &FitPrior {
+                &BodyFitPrior {
                     posture: *posture,
                     stature_mm: Some(stature_mm),
                     camera: camera_spread(&scan.camera),

@@ -11,17 +11,17 @@ mod warning;
 
 use thiserror::Error;
 
-use crate::body_fit::FitOptions;
+use crate::body_fit::BodyFitOptions;
 use crate::carve::CarveError;
 use crate::scan::Scan;
 use crate::segment::SegmentOptions;
-use crate::skeleton_fit::BundleError;
+use crate::skeleton_fit::SkeletonFitError;
 use job::Job;
 use pirouette_body::Sex;
 use pirouette_body::gltf::LoadAvatarError;
 use pirouette_body::mannequin::MannequinError;
 
-pub use crate::initial_body::StartFigure;
+pub use crate::initial_body::InitialMannequin;
 pub use event::{CancelToken, Event, Stage};
 pub use report::{DropReason, DroppedView, Report};
 pub use stages::{
@@ -105,7 +105,7 @@ pub struct Config {
     /// How photos are segmented; photos of several cameras are always taken singly
     pub segment: SegmentOptions,
     /// How the body is fitted
-    pub fit: FitOptions,
+    pub fit: BodyFitOptions,
 }
 
 impl Config {
@@ -124,7 +124,7 @@ impl Config {
             given_view_count: None,
             hull: false,
             segment: SegmentOptions::default(),
-            fit: FitOptions::default(),
+            fit: BodyFitOptions::default(),
         }
     }
 }
@@ -156,7 +156,7 @@ pub enum PipelineError {
     },
     /// No skeleton
     #[error("no skeleton fits the keypoints")]
-    Bundle(#[from] BundleError),
+    SkeletonFit(#[from] SkeletonFitError),
     /// No body
     #[error("no body can be carved")]
     Carve(#[from] CarveError),

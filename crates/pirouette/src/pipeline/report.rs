@@ -7,7 +7,7 @@ use crate::body_fit::FittedBody;
 use crate::color::SurfaceColors;
 use crate::measure::Measurements;
 use crate::normalize::NormalizeError;
-use crate::pipeline::{Config, Goal, Method, Stage, StartFigure, Warning};
+use crate::pipeline::{Config, Goal, InitialMannequin, Method, Stage, Warning};
 use crate::segment::SegmentError;
 use crate::skeleton_fit::Skeleton;
 use crate::view::{SolvedView, ViewId};
@@ -27,7 +27,7 @@ pub struct Report {
     /// The body fitted to all views; by [`Method::Fit`] only
     pub fit: Option<FittedBody>,
     /// The mannequin that the fit started from, where the silhouettes chose it
-    pub start: Option<StartFigure>,
+    pub start: Option<InitialMannequin>,
     /// The views that went through, in the order of the scan
     pub views: Vec<SolvedView>,
     /// The body in the reference pose, world frame, mm

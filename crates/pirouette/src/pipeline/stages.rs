@@ -8,7 +8,7 @@ use pirouette_geom::outline_map::OutlineMap;
 use pirouette_geom::{Mask, TriMesh};
 use rayon::prelude::*;
 
-use crate::body_fit::{OutlineTargets, RimMesh};
+use crate::body_fit::{ContourMesh, OutlineTargets};
 use crate::carve::CarveView;
 use crate::measure::MeasureView;
 use crate::normalize::{
@@ -75,7 +75,7 @@ pub struct Normalizer<'a> {
     person: &'a Avatar,
     reference: &'a Avatar,
     mesh: SilhouetteMesh,
-    rim: Option<RimMesh>,
+    rim: Option<ContourMesh>,
     options: NormalizeOptions,
 }
 
@@ -106,7 +106,7 @@ impl<'a> Normalizer<'a> {
         normalizer.rim = report
             .fit
             .as_ref()
-            .map(|_| RimMesh::new(triangles, positions.len()));
+            .map(|_| ContourMesh::new(triangles, positions.len()));
         Some(normalizer)
     }
 

@@ -5,7 +5,7 @@ use thiserror::Error;
 use crate::measure::Measure;
 use crate::normalize::NormalizeWarning;
 use crate::pipeline::{DropReason, Stage};
-use crate::skeleton_fit::{BundleError, BundleWarning, Limb};
+use crate::skeleton_fit::{SkeletonFitError, SkeletonFitWarning, SwapGroup};
 use pirouette_body::Joint;
 
 /// Something that the user should know, though the job goes on
@@ -19,11 +19,11 @@ pub enum Warning {
         reason: DropReason,
     },
     #[error("no skeleton fits all views, each photo is segmented by its own bones: {0}")]
-    NoSkeleton(BundleError),
+    NoSkeleton(SkeletonFitError),
     #[error("{0}")]
-    Bundle(BundleWarning),
+    Skeleton(SkeletonFitWarning),
     #[error("view {view}: left and right were mixed up ({}); swapped them back", limb.name())]
-    SidesSwapped { view: String, limb: Limb },
+    SidesSwapped { view: String, limb: SwapGroup },
     #[error("view {view}: {} lies {residual_px:.0} px from where the other joints place it", joint.name())]
     Outlier {
         view: String,
@@ -54,7 +54,7 @@ impl Warning {
             | Warning::SidesSwapped { view, .. }
             | Warning::Outlier { view, .. }
             | Warning::Normalize { view, .. } => Some(view),
-            Warning::NoSkeleton(_) | Warning::Bundle(_) | Warning::TapesDiffer { .. } => None,
+            Warning::NoSkeleton(_) | Warning::Skeleton(_) | Warning::TapesDiffer { .. } => None,
         }
     }
 
@@ -63,16 +63,16 @@ impl Warning {
         match self {
             Warning::ViewDropped { .. } => "view_dropped",
             Warning::NoSkeleton(_) => "no_skeleton",
-            Warning::Bundle(warning) => match warning {
-                BundleWarning::StatureUnknown { .. } => "stature_unknown",
-                BundleWarning::FieldOfViewUnknown { .. } => "field_of_view_unknown",
-                BundleWarning::CameraHeightUnknown { .. } => "camera_height_unknown",
-                BundleWarning::TurnedBackward => "turned_backward",
-                BundleWarning::TurnsShifted { .. } => "turns_shifted",
-                BundleWarning::ViewWithoutKeypoints { .. } => "view_without_keypoints",
-                BundleWarning::StatureContradicted { .. } => "stature_contradicted",
-                BundleWarning::UnusualLength { .. } => "unusual_length",
-                BundleWarning::NotConverged => "skeleton_not_settled",
+            Warning::Skeleton(warning) => match warning {
+                SkeletonFitWarning::StatureUnknown { .. } => "stature_unknown",
+                SkeletonFitWarning::FieldOfViewUnknown { .. } => "field_of_view_unknown",
+                SkeletonFitWarning::CameraHeightUnknown { .. } => "camera_height_unknown",
+                SkeletonFitWarning::TurnedBackward => "turned_backward",
+                SkeletonFitWarning::TurnsShifted { .. } => "turns_shifted",
+                SkeletonFitWarning::ViewWithoutKeypoints { .. } => "view_without_keypoints",
+                SkeletonFitWarning::StatureContradicted { .. } => "stature_contradicted",
+                SkeletonFitWarning::UnusualLength { .. } => "unusual_length",
+                SkeletonFitWarning::NotConverged => "skeleton_not_settled",
             },
             Warning::SidesSwapped { .. } => "sides_swapped",
             Warning::Outlier { .. } => "outlier",
@@ -86,12 +86,12 @@ impl Warning {
 }
 
 /// Whether a warning matters for lengths in mm only
-pub(super) fn is_about_scale(warning: BundleWarning) -> bool {
+pub(super) fn is_about_scale(warning: SkeletonFitWarning) -> bool {
     matches!(
         warning,
-        BundleWarning::StatureUnknown { .. }
-            | BundleWarning::FieldOfViewUnknown { .. }
-            | BundleWarning::CameraHeightUnknown { .. }
-            | BundleWarning::StatureContradicted { .. }
+        SkeletonFitWarning::StatureUnknown { .. }
+            | SkeletonFitWarning::FieldOfViewUnknown { .. }
+            | SkeletonFitWarning::CameraHeightUnknown { .. }
+            | SkeletonFitWarning::StatureContradicted { .. }
     )
 }

@@ -8,7 +8,7 @@ mod edges;
 use thiserror::Error;
 
 use crate::scan::{CameraSetup, Scan, StatureFrom};
-use crate::skeleton_fit::{BundleError, BundleOptions, BundleView, bundle};
+use crate::skeleton_fit::{KeypointView, SkeletonFitError, SkeletonFitOptions, fit_skeleton};
 use pirouette_body::Joint;
 use pirouette_body::mannequin::{MannequinError, MannequinParameters, mannequin};
 
@@ -19,7 +19,7 @@ pub use card::{CARD_MM, Card, CardError, find_card};
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum ScaleError {
     #[error("no skeleton fits the keypoints, so the size of the person in pixels is not known")]
-    Bundle(#[from] BundleError),
+    Bundle(#[from] SkeletonFitError),
     #[error("cannot make a figure to compare with")]
     Mannequin(#[from] MannequinError),
     #[error(
@@ -64,14 +64,20 @@ pub fn scale_by_pixels(
         pose: scan.pose,
         ..MannequinParameters::default()
     })?;
-    let views: Vec<BundleView> = scan.views.iter().map(BundleView::from).collect();
+    let views: Vec<KeypointView> = scan.views.iter().map(KeypointView::from).collect();
     // Heights of the camera are in true mm, the figure's are not.
     let camera = CameraSetup {
         height_mm: None,
         distance_mm: None,
         ..scan.camera
     };
-    let (found, _) = bundle(&figure, &views, &camera, None, &BundleOptions::default())?;
+    let (found, _) = fit_skeleton(
+        &figure,
+        &views,
+        &camera,
+        None,
+        &SkeletonFitOptions::default(),
+    )?;
     let camera = &found.camera;
     let figures_mm_per_px = camera.distance_mm / camera.focal_px();
     let stature_mm = found.avatar.stature_mm() * mm_per_px / figures_mm_per_px;

@@ -33,14 +33,14 @@ use pirouette_body::{Pose, PosedBones, pose_bones};
 use scales::Frame;
 use solve::{Solution, solve};
 
-pub use scales::{Scale, Scales, rescale_avatar};
+pub use scales::{BoneScale, BoneScales, rescale_avatar};
 pub(crate) use start::keypoint_sigma_px;
-pub use swaps::Limb;
+pub use swaps::SwapGroup;
 pub use turns::TurnCorrection;
 
 /// One photo as the bundle sees it
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BundleView {
+pub struct KeypointView {
     /// How far the person has turned
     pub turn: TurnAngle,
     /// Detected joints, in px of the photo
@@ -51,7 +51,7 @@ pub struct BundleView {
     pub height_px: usize,
 }
 
-impl From<&View> for BundleView {
+impl From<&View> for KeypointView {
     /// The view as it was given
     fn from(view: &View) -> Self {
         Self {
@@ -65,11 +65,11 @@ impl From<&View> for BundleView {
 
 /// How the bundle is solved
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BundleOptions {
+pub struct SkeletonFitOptions {
     /// Most rounds of Gauss-Newton; it usually stops after six to ten
     pub rounds: usize,
     /// Whether left and right are swapped back where the detector mixed them up
-    pub mend_swaps: bool,
+    pub fix_swaps: bool,
     /// How far a camera of unknown pitch may be from level, as a standard deviation; 0 holds it level
     pub pitch_sigma_radians: f64,
     /// Whether turn angles that go the wrong way round, or do not start at the front, are corrected
@@ -81,11 +81,11 @@ pub struct BundleOptions {
     pub free_posture: bool,
 }
 
-impl Default for BundleOptions {
+impl Default for SkeletonFitOptions {
     fn default() -> Self {
         Self {
             rounds: 25,
-            mend_swaps: true,
+            fix_swaps: true,
             correct_turns: true,
             pitch_sigma_radians: 2.0_f64.to_radians(),
             free_posture: true,
@@ -120,15 +120,15 @@ pub struct Skeleton {
     /// Zero unless the keypoints clearly ask for it.
     pub posture: Pose,
     /// Bone lengths against the reference figure of the same stature
-    pub scales: Scales,
+    pub scales: BoneScales,
     /// Which limbs had left and right mixed up, with their views
-    pub swaps: Vec<(usize, Limb)>,
+    pub swaps: Vec<(usize, SwapGroup)>,
     /// Keypoints that no likely pose explains
     pub outliers: Vec<Outlier>,
     /// Root mean square distance of predicted from detected joints, outliers left out, in px
     pub rms_px: f64,
     /// What was assumed or went wrong
-    pub warnings: Vec<BundleWarning>,
+    pub warnings: Vec<SkeletonFitWarning>,
 }
 
 /// A keypoint that no likely pose explains
@@ -144,7 +144,7 @@ pub struct Outlier {
 
 /// What the bundle assumed or could not do
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
-pub enum BundleWarning {
+pub enum SkeletonFitWarning {
     /// All lengths are in units of the assumed stature
     #[error(
         "the stature is unknown: all lengths assume {assumed_mm:.0} mm; give subject.stature_mm in scan.json"
@@ -204,7 +204,7 @@ pub enum BundleWarning {
     #[error("{} is {factor:.2} times that of the reference figure: check stature and keypoints", .scale.name())]
     UnusualLength {
         /// The length
-        scale: Scale,
+        scale: BoneScale,
         /// Its factor
         factor: f64,
     },
@@ -215,7 +215,7 @@ pub enum BundleWarning {
 
 /// Why there is no skeleton
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
-pub enum BundleError {
+pub enum SkeletonFitError {
     /// Nothing to solve
     #[error("there are no views")]
     NoViews,
@@ -267,7 +267,7 @@ const UNUSUAL_LOG_SCALE: f64 = 0.24;
 const OUTLIER_SIGMAS: f64 = 5.0;
 
 /// Times that swaps are searched for and the bundle is solved again
-const MEND_ROUNDS: usize = 3;
+const FIX_ROUNDS: usize = 3;
 
 /// Logarithm of the likelihood ratio that a posture of its own must gain
 ///
@@ -291,32 +291,32 @@ const POSTURE_TRIAL_ROUNDS: usize = 3;
 /// # Source
 /// Robust loss: Cauchy's, by iterated reweighting, Holland and Welsch 1977. Elimination of the views: Triggs et
 /// al. 2000, "Bundle adjustment: a modern synthesis", section 6.
-pub fn bundle(
+pub fn fit_skeleton(
     avatar: &Avatar,
-    views: &[BundleView],
+    views: &[KeypointView],
     camera: &CameraSetup,
     stature_mm: Option<f64>,
-    options: &BundleOptions,
-) -> Result<(Skeleton, Vec<SkeletonView>), BundleError> {
+    options: &SkeletonFitOptions,
+) -> Result<(Skeleton, Vec<SkeletonView>), SkeletonFitError> {
     if views.is_empty() {
-        return Err(BundleError::NoViews);
+        return Err(SkeletonFitError::NoViews);
     }
     let mut warnings = Vec::new();
     let own_stature_mm = avatar.stature_mm();
     if !(own_stature_mm.is_finite() && own_stature_mm > 0.0) {
-        return Err(BundleError::AvatarUnusable);
+        return Err(SkeletonFitError::AvatarUnusable);
     }
     if stature_mm.is_none() {
-        warnings.push(BundleWarning::StatureUnknown {
+        warnings.push(SkeletonFitWarning::StatureUnknown {
             assumed_mm: own_stature_mm,
         });
     }
     let stature_mm = stature_mm.unwrap_or(own_stature_mm);
     if !(MIN_STATURE_MM..=MAX_STATURE_MM).contains(&stature_mm) {
-        return Err(BundleError::StatureImplausible { stature_mm });
+        return Err(SkeletonFitError::StatureImplausible { stature_mm });
     }
     let avatar = enlarged(avatar, stature_mm / own_stature_mm);
-    let frame = Frame::new(&avatar).ok_or(BundleError::AvatarUnusable)?;
+    let frame = Frame::new(&avatar).ok_or(SkeletonFitError::AvatarUnusable)?;
     let start = start::prepare(&avatar, views, camera, options, &mut warnings)?;
     let mut problem = Problem {
         frame,
@@ -333,11 +333,11 @@ pub fn bundle(
         (solution, TurnCorrection::default())
     };
     if turn_correction.reversed {
-        warnings.push(BundleWarning::TurnedBackward);
+        warnings.push(SkeletonFitWarning::TurnedBackward);
     }
     let offset_degrees = turn_correction.offset.wrapped().degrees();
     if turn_correction != TurnCorrection::default() && offset_degrees > 0.0 {
-        warnings.push(BundleWarning::TurnsShifted {
+        warnings.push(SkeletonFitWarning::TurnsShifted {
             offset_degrees: if offset_degrees > 180.0 {
                 offset_degrees - 360.0
             } else {
@@ -346,19 +346,19 @@ pub fn bundle(
         });
     }
     let mut swaps = Vec::new();
-    mend(&mut problem, &mut solution, &mut swaps, options);
+    fix_all_swaps(&mut problem, &mut solution, &mut swaps, options);
     if options.free_posture {
         problem.free_posture = true;
         let trial = solve(&problem, solution.unknowns.clone(), POSTURE_TRIAL_ROUNDS);
         if trial.cost < solution.cost - CLEAR_POSTURE_GAIN {
             solution = solve(&problem, trial.unknowns, options.rounds);
-            mend(&mut problem, &mut solution, &mut swaps, options);
+            fix_all_swaps(&mut problem, &mut solution, &mut swaps, options);
         } else {
             problem.free_posture = false;
         }
     }
     if !solution.converged {
-        warnings.push(BundleWarning::NotConverged);
+        warnings.push(SkeletonFitWarning::NotConverged);
     }
     let mut keypoints: Vec<Keypoints> = views.iter().map(|view| view.keypoints).collect();
     for &(view, limb) in &swaps {
@@ -368,7 +368,7 @@ pub fn bundle(
         &avatar,
         &problem,
         &solution.unknowns,
-        Mended {
+        Corrections {
             keypoints,
             swaps,
             turn_correction,
@@ -378,16 +378,16 @@ pub fn bundle(
 }
 
 /// Mends swaps and solves again, until there are none
-fn mend(
+fn fix_all_swaps(
     problem: &mut Problem,
     solution: &mut Solution,
-    swaps: &mut Vec<(usize, Limb)>,
-    options: &BundleOptions,
+    swaps: &mut Vec<(usize, SwapGroup)>,
+    options: &SkeletonFitOptions,
 ) {
-    for _ in 0..if options.mend_swaps { MEND_ROUNDS } else { 0 } {
+    for _ in 0..if options.fix_swaps { FIX_ROUNDS } else { 0 } {
         let shared = problem.shared(&solution.unknowns.shared);
         let mut unknowns = solution.unknowns.clone();
-        let mended = swaps::mend(problem, &shared, &mut unknowns);
+        let mended = swaps::fix_swaps(problem, &shared, &mut unknowns);
         if mended.is_empty() {
             break;
         }
@@ -397,9 +397,9 @@ fn mend(
 }
 
 /// What was wrong with the input, and is no longer
-struct Mended {
+struct Corrections {
     keypoints: Vec<Keypoints>,
-    swaps: Vec<(usize, Limb)>,
+    swaps: Vec<(usize, SwapGroup)>,
     turn_correction: TurnCorrection,
 }
 
@@ -408,8 +408,8 @@ fn assemble(
     avatar: &Avatar,
     problem: &Problem,
     unknowns: &Unknowns,
-    mended: Mended,
-    mut warnings: Vec<BundleWarning>,
+    mended: Corrections,
+    mut warnings: Vec<SkeletonFitWarning>,
 ) -> (Skeleton, Vec<SkeletonView>) {
     let shared = problem.shared(&unknowns.shared);
     let mut outliers = Vec::new();
@@ -443,14 +443,14 @@ fn assemble(
     }
     let solved_mm = scaled.stature_mm();
     if (solved_mm / problem.stature_mm - 1.0).abs() > STATURE_TOLERANCE {
-        warnings.push(BundleWarning::StatureContradicted {
+        warnings.push(SkeletonFitWarning::StatureContradicted {
             given_mm: problem.stature_mm,
             solved_mm,
         });
     }
-    for scale in Scale::ALL {
+    for scale in BoneScale::ALL {
         if shared.scales.logs[scale as usize].abs() > UNUSUAL_LOG_SCALE {
-            warnings.push(BundleWarning::UnusualLength {
+            warnings.push(SkeletonFitWarning::UnusualLength {
                 scale,
                 factor: shared.scales.factor(scale),
             });
@@ -458,12 +458,12 @@ fn assemble(
     }
     let camera = shared.camera_of(&problem.views[0]);
     if problem.camera.log_focal_sigma > 0.0 {
-        warnings.push(BundleWarning::FieldOfViewUnknown {
+        warnings.push(SkeletonFitWarning::FieldOfViewUnknown {
             estimated_degrees: camera.vertical_fov_radians.to_degrees(),
         });
     }
     if problem.camera.height_mm.1 > 0.0 {
-        warnings.push(BundleWarning::CameraHeightUnknown {
+        warnings.push(SkeletonFitWarning::CameraHeightUnknown {
             estimated_mm: camera.height_mm,
         });
     }

@@ -6,7 +6,7 @@
 use faer::Mat;
 use glam::{DVec2, DVec3};
 
-use super::scales::{Frame, MIDDLES, Scale, ScaledFrame, Scales};
+use super::scales::{BoneScale, BoneScales, Frame, MIDDLES, ScaledFrame};
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
 use pirouette_body::{Bone, Joint};
@@ -17,7 +17,7 @@ pub(super) const POSE_COUNT: usize = Pose::PARAMETER_COUNT;
 
 /// Unknowns that all views share: scales, offsets, camera, posture
 pub(super) const SHARED_COUNT: usize = POSTURE_START + 3 * POSTURE_BONES.len();
-const OFFSET_START: usize = Scale::COUNT;
+const OFFSET_START: usize = BoneScale::COUNT;
 const CAMERA_START: usize = OFFSET_START + 3 * OFFSET_JOINTS.len();
 const POSTURE_START: usize = CAMERA_START + 4;
 
@@ -117,7 +117,7 @@ pub(super) struct Unknowns {
 /// The body and the camera that some shared unknowns stand for
 #[derive(Debug, Clone)]
 pub(super) struct Shared {
-    pub(super) scales: Scales,
+    pub(super) scales: BoneScales,
     pub(super) offsets: [DVec3; OFFSET_JOINTS.len()],
     pub(super) body: ScaledFrame,
     /// What the poses of all views have in common
@@ -184,7 +184,7 @@ impl Problem {
     pub(super) fn shared(&self, unknowns: &[f64; SHARED_COUNT]) -> Shared {
         let sigmas = self.shared_sigmas();
         let values: [f64; SHARED_COUNT] = std::array::from_fn(|i| unknowns[i] * sigmas[i]);
-        let scales = Scales {
+        let scales = BoneScales {
             logs: std::array::from_fn(|i| values[i]),
         };
         let offsets: [DVec3; OFFSET_JOINTS.len()] =
@@ -237,7 +237,7 @@ impl Problem {
 
     /// Rates of the body by each logarithmic scale
     pub(super) fn body_rates(&self, shared: &Shared) -> Vec<ScaledFrame> {
-        Scale::ALL
+        BoneScale::ALL
             .iter()
             .map(|&scale| self.frame.rate(&shared.scales, scale))
             .collect()

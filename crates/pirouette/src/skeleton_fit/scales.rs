@@ -14,7 +14,7 @@ use pirouette_body::{Bone, Joint};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
 #[allow(missing_docs, reason = "the names say it")]
-pub enum Scale {
+pub enum BoneScale {
     Torso,
     ShoulderWidth,
     HipWidth,
@@ -28,49 +28,49 @@ pub enum Scale {
     Foot,
 }
 
-impl Scale {
+impl BoneScale {
     /// Number of scales
     pub const COUNT: usize = 9;
 
     /// All scales
-    pub const ALL: [Scale; Scale::COUNT] = [
-        Scale::Torso,
-        Scale::ShoulderWidth,
-        Scale::HipWidth,
-        Scale::UpperArm,
-        Scale::Forearm,
-        Scale::Thigh,
-        Scale::Shin,
-        Scale::Neck,
-        Scale::Foot,
+    pub const ALL: [BoneScale; BoneScale::COUNT] = [
+        BoneScale::Torso,
+        BoneScale::ShoulderWidth,
+        BoneScale::HipWidth,
+        BoneScale::UpperArm,
+        BoneScale::Forearm,
+        BoneScale::Thigh,
+        BoneScale::Shin,
+        BoneScale::Neck,
+        BoneScale::Foot,
     ];
 
     /// Name in files, in snake case
     pub fn name(self) -> &'static str {
         match self {
-            Scale::Torso => "torso",
-            Scale::ShoulderWidth => "shoulder_width",
-            Scale::HipWidth => "hip_width",
-            Scale::UpperArm => "upper_arm",
-            Scale::Forearm => "forearm",
-            Scale::Thigh => "thigh",
-            Scale::Shin => "shin",
-            Scale::Neck => "neck",
-            Scale::Foot => "foot",
+            BoneScale::Torso => "torso",
+            BoneScale::ShoulderWidth => "shoulder_width",
+            BoneScale::HipWidth => "hip_width",
+            BoneScale::UpperArm => "upper_arm",
+            BoneScale::Forearm => "forearm",
+            BoneScale::Thigh => "thigh",
+            BoneScale::Shin => "shin",
+            BoneScale::Neck => "neck",
+            BoneScale::Foot => "foot",
         }
     }
 }
 
 /// Natural logarithms of the nine scales; zero is the reference figure
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Scales {
-    /// In the order of [`Scale::ALL`]
-    pub logs: [f64; Scale::COUNT],
+pub struct BoneScales {
+    /// In the order of [`BoneScale::ALL`]
+    pub logs: [f64; BoneScale::COUNT],
 }
 
-impl Scales {
+impl BoneScales {
     /// The factor of one length
-    pub fn factor(&self, scale: Scale) -> f64 {
+    pub fn factor(&self, scale: BoneScale) -> f64 {
         self.logs[scale as usize].exp()
     }
 }
@@ -78,7 +78,7 @@ impl Scales {
 /// The linear map of one bone: identity plus `(factor - 1)` times a projection for each of its scales
 #[derive(Debug, Clone, Copy)]
 struct Stretch {
-    parts: [Option<(Scale, DMat3)>; 2],
+    parts: [Option<(BoneScale, DMat3)>; 2],
 }
 
 impl Stretch {
@@ -91,26 +91,29 @@ impl Stretch {
             DMat3::from_cols(d * d.x, d * d.y, d * d.z)
         };
         let parts = match bone {
-            Bone::Root | Bone::LowerSpine => [Some((Scale::HipWidth, x)), Some((Scale::Torso, y))],
-            Bone::UpperSpine | Bone::LeftClavicle | Bone::RightClavicle => {
-                [Some((Scale::ShoulderWidth, x)), Some((Scale::Torso, y))]
+            Bone::Root | Bone::LowerSpine => {
+                [Some((BoneScale::HipWidth, x)), Some((BoneScale::Torso, y))]
             }
-            Bone::Neck | Bone::Head => [Some((Scale::Neck, y)), None],
-            Bone::LeftUpperArm => [Some((Scale::UpperArm, along(Bone::LeftForearm))), None],
-            Bone::RightUpperArm => [Some((Scale::UpperArm, along(Bone::RightForearm))), None],
-            Bone::LeftForearm => [Some((Scale::Forearm, along(Bone::LeftHand))), None],
-            Bone::RightForearm => [Some((Scale::Forearm, along(Bone::RightHand))), None],
+            Bone::UpperSpine | Bone::LeftClavicle | Bone::RightClavicle => [
+                Some((BoneScale::ShoulderWidth, x)),
+                Some((BoneScale::Torso, y)),
+            ],
+            Bone::Neck | Bone::Head => [Some((BoneScale::Neck, y)), None],
+            Bone::LeftUpperArm => [Some((BoneScale::UpperArm, along(Bone::LeftForearm))), None],
+            Bone::RightUpperArm => [Some((BoneScale::UpperArm, along(Bone::RightForearm))), None],
+            Bone::LeftForearm => [Some((BoneScale::Forearm, along(Bone::LeftHand))), None],
+            Bone::RightForearm => [Some((BoneScale::Forearm, along(Bone::RightHand))), None],
             Bone::LeftHand | Bone::RightHand => [None, None],
-            Bone::LeftThigh => [Some((Scale::Thigh, along(Bone::LeftShin))), None],
-            Bone::RightThigh => [Some((Scale::Thigh, along(Bone::RightShin))), None],
-            Bone::LeftShin => [Some((Scale::Shin, along(Bone::LeftFoot))), None],
-            Bone::RightShin => [Some((Scale::Shin, along(Bone::RightFoot))), None],
-            Bone::LeftFoot | Bone::RightFoot => [Some((Scale::Foot, z)), None],
+            Bone::LeftThigh => [Some((BoneScale::Thigh, along(Bone::LeftShin))), None],
+            Bone::RightThigh => [Some((BoneScale::Thigh, along(Bone::RightShin))), None],
+            Bone::LeftShin => [Some((BoneScale::Shin, along(Bone::LeftFoot))), None],
+            Bone::RightShin => [Some((BoneScale::Shin, along(Bone::RightFoot))), None],
+            Bone::LeftFoot | Bone::RightFoot => [Some((BoneScale::Foot, z)), None],
         };
         Self { parts }
     }
 
-    fn matrix(&self, scales: &Scales) -> DMat3 {
+    fn matrix(&self, scales: &BoneScales) -> DMat3 {
         self.parts
             .iter()
             .flatten()
@@ -119,7 +122,7 @@ impl Stretch {
             })
     }
 
-    fn rate(&self, scales: &Scales, by: Scale) -> DMat3 {
+    fn rate(&self, scales: &BoneScales, by: BoneScale) -> DMat3 {
         self.parts
             .iter()
             .flatten()
@@ -168,13 +171,13 @@ impl Frame {
     }
 
     /// The frame with these scales
-    pub(super) fn scaled(&self, scales: &Scales) -> ScaledFrame {
+    pub(super) fn scaled(&self, scales: &BoneScales) -> ScaledFrame {
         let matrices = self.stretches.map(|stretch| stretch.matrix(scales));
         self.assemble(&Stretched::new(&self.heads, matrices, self.heads[0]))
     }
 
     /// Rates of everything in [`Frame::scaled`] by one logarithmic scale
-    pub(super) fn rate(&self, scales: &Scales, by: Scale) -> ScaledFrame {
+    pub(super) fn rate(&self, scales: &BoneScales, by: BoneScale) -> ScaledFrame {
         let matrices = self.stretches.map(|stretch| stretch.rate(scales, by));
         self.assemble(&Stretched::new(&self.heads, matrices, DVec3::ZERO))
     }
@@ -261,7 +264,7 @@ pub(super) const MIDDLES: [(Joint, [Joint; 2]); 2] = [
 ///
 /// Joints move, the surface follows by its skinning weights, vertices keep their order, so tape loops and
 /// landmarks hold. The result stands on y = 0 with the turning axis as far behind the hips as it was.
-pub fn rescale_avatar(avatar: &Avatar, scales: &Scales) -> Avatar {
+pub fn rescale_avatar(avatar: &Avatar, scales: &BoneScales) -> Avatar {
     let rest = &avatar.bone_heads;
     let matrices = Bone::ALL.map(|bone| Stretch::of(bone, rest).matrix(scales));
     let stretched = Stretched::new(rest, matrices, rest[Bone::Root as usize]);

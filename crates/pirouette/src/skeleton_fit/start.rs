@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 use super::model::{CameraPrior, Observed, ViewData};
-use super::{BundleError, BundleOptions, BundleView, BundleWarning};
+use super::{KeypointView, SkeletonFitError, SkeletonFitOptions, SkeletonFitWarning};
 use crate::scan::CameraSetup;
 use pirouette_body::Avatar;
 use pirouette_body::{Joint, Keypoint, Keypoints};
@@ -75,11 +75,11 @@ fn usable(keypoints: &Keypoints, joint: Joint, width: f64, height: f64) -> Optio
 /// Prepares views and camera; `avatar` has the person's stature
 pub(super) fn prepare(
     avatar: &Avatar,
-    views: &[BundleView],
+    views: &[KeypointView],
     setup: &CameraSetup,
-    options: &BundleOptions,
-    warnings: &mut Vec<BundleWarning>,
-) -> Result<Start, BundleError> {
+    options: &SkeletonFitOptions,
+    warnings: &mut Vec<SkeletonFitWarning>,
+) -> Result<Start, SkeletonFitError> {
     let found: Vec<[Option<Keypoint>; Joint::COUNT]> = views
         .iter()
         .map(|view| {
@@ -89,14 +89,14 @@ pub(super) fn prepare(
         .collect();
     let total: usize = found.iter().map(|f| f.iter().flatten().count()).sum();
     if total == 0 {
-        return Err(BundleError::NoKeypoints { views: views.len() });
+        return Err(SkeletonFitError::NoKeypoints { views: views.len() });
     }
     if total < MIN_JOINTS {
-        return Err(BundleError::TooFewJoints { found: total });
+        return Err(SkeletonFitError::TooFewJoints { found: total });
     }
     for (view, joints) in found.iter().enumerate() {
         if joints.iter().flatten().next().is_none() {
-            warnings.push(BundleWarning::ViewWithoutKeypoints { view });
+            warnings.push(SkeletonFitWarning::ViewWithoutKeypoints { view });
         }
     }
 
@@ -116,7 +116,7 @@ pub(super) fn prepare(
         .collect();
     let seen = median(&mut distances).map(|d| d.max(MIN_DISTANCE_PER_STATURE * stature_mm));
     let given = known(setup.distance_mm).filter(|d| *d > 0.0);
-    let distance_mm = given.or(seen).ok_or(BundleError::NoScale)?;
+    let distance_mm = given.or(seen).ok_or(SkeletonFitError::NoScale)?;
 
     let views = views
         .iter()

@@ -8,7 +8,7 @@ use pirouette_body::{Bone, Joint, Keypoints};
 
 /// Joints whose left and right are mixed up together
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Limb {
+pub enum SwapGroup {
     /// Everything, as if the back were the front
     Body,
     /// Shoulders, elbows, wrists
@@ -25,27 +25,27 @@ pub enum Limb {
     Face,
 }
 
-impl Limb {
-    const ALL: [Limb; 7] = [
-        Limb::Body,
-        Limb::Arms,
-        Limb::Forearms,
-        Limb::Legs,
-        Limb::Shins,
-        Limb::Feet,
-        Limb::Face,
+impl SwapGroup {
+    const ALL: [SwapGroup; 7] = [
+        SwapGroup::Body,
+        SwapGroup::Arms,
+        SwapGroup::Forearms,
+        SwapGroup::Legs,
+        SwapGroup::Shins,
+        SwapGroup::Feet,
+        SwapGroup::Face,
     ];
 
     /// Name in files, in snake case
     pub fn name(self) -> &'static str {
         match self {
-            Limb::Body => "body",
-            Limb::Arms => "arms",
-            Limb::Forearms => "forearms",
-            Limb::Legs => "legs",
-            Limb::Shins => "shins",
-            Limb::Feet => "feet",
-            Limb::Face => "face",
+            SwapGroup::Body => "body",
+            SwapGroup::Arms => "arms",
+            SwapGroup::Forearms => "forearms",
+            SwapGroup::Legs => "legs",
+            SwapGroup::Shins => "shins",
+            SwapGroup::Feet => "feet",
+            SwapGroup::Face => "face",
         }
     }
 
@@ -65,13 +65,13 @@ impl Limb {
             Joint::LeftEar,
         ];
         match self {
-            Limb::Body => &BODY,
-            Limb::Arms => &BODY[..3],
-            Limb::Forearms => &BODY[1..3],
-            Limb::Legs => &BODY[3..9],
-            Limb::Shins => &BODY[4..9],
-            Limb::Feet => &BODY[5..9],
-            Limb::Face => &BODY[9..],
+            SwapGroup::Body => &BODY,
+            SwapGroup::Arms => &BODY[..3],
+            SwapGroup::Forearms => &BODY[1..3],
+            SwapGroup::Legs => &BODY[3..9],
+            SwapGroup::Shins => &BODY[4..9],
+            SwapGroup::Feet => &BODY[5..9],
+            SwapGroup::Face => &BODY[9..],
         }
     }
 
@@ -113,17 +113,17 @@ const TRIAL_ROUNDS: usize = 8;
 const MAX_SWAPS_PER_VIEW: usize = 3;
 
 /// Mends swapped limbs in the problem's views; returns which, and leaves the views' poses near their new solution
-pub(super) fn mend(
+pub(super) fn fix_swaps(
     problem: &mut Problem,
     shared: &Shared,
     unknowns: &mut Unknowns,
-) -> Vec<(usize, Limb)> {
+) -> Vec<(usize, SwapGroup)> {
     let fixed: &Problem = problem;
     let mended: Vec<_> = fixed
         .views
         .par_iter()
         .zip(&unknowns.poses)
-        .map(|(view, pose)| mend_view(fixed, view, shared, pose))
+        .map(|(view, pose)| fix_view(fixed, view, shared, pose))
         .collect();
     let mut swaps = Vec::new();
     for (index, (limbs, pose)) in mended.into_iter().enumerate() {
@@ -137,12 +137,12 @@ pub(super) fn mend(
 }
 
 /// The swapped limbs of one view, and its pose once they are mended
-fn mend_view(
+fn fix_view(
     problem: &Problem,
     view: &ViewData,
     shared: &Shared,
     pose: &[f64; POSE_COUNT],
-) -> (Vec<Limb>, [f64; POSE_COUNT]) {
+) -> (Vec<SwapGroup>, [f64; POSE_COUNT]) {
     let (mut view, mut pose) = (view.clone(), *pose);
     let mut limbs = Vec::new();
     while limbs.len() < MAX_SWAPS_PER_VIEW {
@@ -162,7 +162,7 @@ fn suspicious_limbs(
     view: &ViewData,
     shared: &Shared,
     pose: &[f64; POSE_COUNT],
-) -> Vec<Limb> {
+) -> Vec<SwapGroup> {
     let Some(residuals) = problem.residuals(view, shared, pose) else {
         return Vec::new();
     };
@@ -174,7 +174,7 @@ fn suspicious_limbs(
             .fold(0.0, |most: f64, x| most.max(x.abs()));
         residual > SUSPICIOUS_RESIDUAL || bend > SUSPICIOUS_ROTATION
     };
-    Limb::ALL
+    SwapGroup::ALL
         .into_iter()
         .filter(|limb| {
             limb.left_joints()
@@ -190,7 +190,7 @@ fn best_swap(
     view: &ViewData,
     shared: &Shared,
     pose: &[f64; POSE_COUNT],
-) -> Option<(Limb, [f64; POSE_COUNT])> {
+) -> Option<(SwapGroup, [f64; POSE_COUNT])> {
     let limbs = suspicious_limbs(problem, view, shared, pose);
     if limbs.is_empty() {
         return None;

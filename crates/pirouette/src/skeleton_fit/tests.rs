@@ -20,7 +20,7 @@ fn exact_keypoints_of_the_reference_pose_give_distance_and_lengths() {
     let found = solved(&truth);
     let distance = found.skeleton.camera.distance_mm;
     assert!((distance / 2400.0 - 1.0).abs() < 3e-3, "{distance}");
-    for (scale, solved_factor) in Scale::ALL
+    for (scale, solved_factor) in BoneScale::ALL
         .iter()
         .map(|s| (s, found.skeleton.scales.factor(*s)))
     {
@@ -73,26 +73,26 @@ fn a_pitched_camera_is_seen_from_the_keypoints() {
 #[test]
 fn an_unknown_camera_is_estimated_and_said_so() {
     let truth = scan(&Setting::default());
-    let (skeleton, views) = bundle(
+    let (skeleton, views) = fit_skeleton(
         &body(),
         &truth.views,
         &CameraSetup::default(),
         None,
-        &BundleOptions::default(),
+        &SkeletonFitOptions::default(),
     )
     .unwrap();
     let found = Solved { skeleton, views };
-    let told = |f: fn(&BundleWarning) -> bool| found.skeleton.warnings.iter().any(f);
+    let told = |f: fn(&SkeletonFitWarning) -> bool| found.skeleton.warnings.iter().any(f);
     assert!(told(
-        |w| matches!(w, BundleWarning::StatureUnknown { assumed_mm } if (*assumed_mm - 1700.0).abs() < 1e-9)
+        |w| matches!(w, SkeletonFitWarning::StatureUnknown { assumed_mm } if (*assumed_mm - 1700.0).abs() < 1e-9)
     ));
     assert!(told(|w| matches!(
         w,
-        BundleWarning::FieldOfViewUnknown { .. }
+        SkeletonFitWarning::FieldOfViewUnknown { .. }
     )));
     assert!(told(|w| matches!(
         w,
-        BundleWarning::CameraHeightUnknown { .. }
+        SkeletonFitWarning::CameraHeightUnknown { .. }
     )));
     let camera = found.skeleton.camera;
     assert!((camera.height_mm - 900.0).abs() < 120.0, "{camera:?}");
@@ -133,8 +133,8 @@ fn a_given_distance_is_kept() {
     let truth = scan(&Setting::default());
     let mut camera = setup(&truth.camera);
     camera.distance_mm = Some(2400.0);
-    let options = BundleOptions::default();
-    let found: Solved = bundle(&body(), &truth.views, &camera, Some(STATURE_MM), &options)
+    let options = SkeletonFitOptions::default();
+    let found: Solved = fit_skeleton(&body(), &truth.views, &camera, Some(STATURE_MM), &options)
         .unwrap()
         .into();
     assert!((found.skeleton.camera.distance_mm - 2400.0).abs() < 10.0);
@@ -154,10 +154,10 @@ fn swapped_limbs_are_found_and_mended() {
         ..truth
     };
     let injected = [
-        (0, Limb::Arms),
-        (3, Limb::Legs),
-        (4, Limb::Body),
-        (5, Limb::Face),
+        (0, SwapGroup::Arms),
+        (3, SwapGroup::Legs),
+        (4, SwapGroup::Body),
+        (5, SwapGroup::Face),
     ];
     for (view, limb) in injected {
         limb.swap(&mut confused.views[view].keypoints);
@@ -171,12 +171,12 @@ fn swapped_limbs_are_found_and_mended() {
     }
     assert!((found.skeleton.camera.distance_mm - honest.skeleton.camera.distance_mm).abs() < 5.0);
 
-    let options = BundleOptions {
-        mend_swaps: false,
-        ..BundleOptions::default()
+    let options = SkeletonFitOptions {
+        fix_swaps: false,
+        ..SkeletonFitOptions::default()
     };
     let camera = setup(&truth.camera);
-    let left: Solved = bundle(
+    let left: Solved = fit_skeleton(
         &body(),
         &confused.views,
         &camera,
@@ -208,12 +208,12 @@ fn turn_angles_of_the_wrong_sign_or_start_are_corrected() {
         let backward = found
             .skeleton
             .warnings
-            .contains(&BundleWarning::TurnedBackward);
+            .contains(&SkeletonFitWarning::TurnedBackward);
         assert_eq!(backward, sign < 0.0);
         let off = found.skeleton.turn_correction.offset.degrees() - offset_degrees;
         let off = (off + 180.0).rem_euclid(360.0) - 180.0;
         assert!(off.abs() < 4.0, "{sign} {offset_degrees}: {off}");
-        let shifted = |w: &BundleWarning| matches!(w, BundleWarning::TurnsShifted { .. });
+        let shifted = |w: &SkeletonFitWarning| matches!(w, SkeletonFitWarning::TurnsShifted { .. });
         assert_eq!(
             found.skeleton.warnings.iter().any(shifted),
             offset_degrees != 0.0
@@ -264,7 +264,7 @@ fn a_view_without_keypoints_takes_the_mean_pose() {
     let found = solved(&truth);
     assert_eq!(
         found.skeleton.warnings,
-        [BundleWarning::ViewWithoutKeypoints { view: 3 }]
+        [SkeletonFitWarning::ViewWithoutKeypoints { view: 3 }]
     );
     let others = found
         .views
@@ -284,16 +284,19 @@ fn a_view_without_keypoints_takes_the_mean_pose() {
 fn unusable_input_is_an_error() {
     let truth = scan(&Setting::default());
     let camera = setup(&truth.camera);
-    let run = |views: &[BundleView], stature_mm: f64| {
-        let options = BundleOptions::default();
-        bundle(&body(), views, &camera, Some(stature_mm), &options).unwrap_err()
+    let run = |views: &[KeypointView], stature_mm: f64| {
+        let options = SkeletonFitOptions::default();
+        fit_skeleton(&body(), views, &camera, Some(stature_mm), &options).unwrap_err()
     };
-    assert_eq!(run(&[], STATURE_MM), BundleError::NoViews);
+    assert_eq!(run(&[], STATURE_MM), SkeletonFitError::NoViews);
     let meters = run(&truth.views, 1.7);
-    assert_eq!(meters, BundleError::StatureImplausible { stature_mm: 1.7 });
+    assert_eq!(
+        meters,
+        SkeletonFitError::StatureImplausible { stature_mm: 1.7 }
+    );
     assert!(matches!(
         run(&truth.views, f64::NAN),
-        BundleError::StatureImplausible { .. }
+        SkeletonFitError::StatureImplausible { .. }
     ));
 
     let mut blind = truth.views.clone();
@@ -306,14 +309,14 @@ fn unusable_input_is_an_error() {
     }
     assert_eq!(
         run(&blind, STATURE_MM),
-        BundleError::NoKeypoints { views: 8 }
+        SkeletonFitError::NoKeypoints { views: 8 }
     );
     blind[0]
         .keypoints
         .set(Joint::Nose, truth.views[0].keypoints.get(Joint::Nose));
     assert_eq!(
         run(&blind, STATURE_MM),
-        BundleError::TooFewJoints { found: 1 }
+        SkeletonFitError::TooFewJoints { found: 1 }
     );
 
     let mut level = truth.views.clone();
@@ -324,20 +327,20 @@ fn unusable_input_is_an_error() {
             view.keypoints.set(joint, keypoint);
         }
     }
-    assert_eq!(run(&level, STATURE_MM), BundleError::NoScale);
+    assert_eq!(run(&level, STATURE_MM), SkeletonFitError::NoScale);
 
     let mut empty = body();
     empty.mesh.positions.clear();
     empty.weights.clear();
-    let options = BundleOptions::default();
-    let error = bundle(&empty, &truth.views, &camera, None, &options).unwrap_err();
-    assert_eq!(error, BundleError::AvatarUnusable);
+    let options = SkeletonFitOptions::default();
+    let error = fit_skeleton(&empty, &truth.views, &camera, None, &options).unwrap_err();
+    assert_eq!(error, SkeletonFitError::AvatarUnusable);
 }
 
 #[test]
 fn rescaling_stretches_bones_and_keeps_soles_and_axis() {
-    let mut only_shins = Scales::default();
-    only_shins.logs[Scale::Shin as usize] = 1.1_f64.ln();
+    let mut only_shins = BoneScales::default();
+    only_shins.logs[BoneScale::Shin as usize] = 1.1_f64.ln();
     let rest = body();
     let long = rescale_avatar(&rest, &only_shins);
     let length = |avatar: &Avatar, a: Bone, b: Bone| {
@@ -368,7 +371,7 @@ fn derivatives_match_differences() {
     });
     let mut warnings = Vec::new();
     let camera = CameraSetup::default();
-    let options = BundleOptions::default();
+    let options = SkeletonFitOptions::default();
     let start = start::prepare(&body(), &truth.views, &camera, &options, &mut warnings).unwrap();
     let problem = Problem {
         frame: Frame::new(&body()).unwrap(),
@@ -490,7 +493,7 @@ proptest! {
         fov in prop_oneof![Just(None), Just(Some(f64::NAN)), Just(Some(0.0)), Just(Some(3.0))],
     ) {
         let mut noise = Noise(seed);
-        let views: Vec<BundleView> = (0..count)
+        let views: Vec<KeypointView> = (0..count)
             .map(|_| {
                 let mut keypoints = Keypoints::default();
                 for joint in Joint::ALL {
@@ -499,12 +502,12 @@ proptest! {
                     keypoints.set(joint, Keypoint { position, confidence: noise.uniform() });
                 }
                 let turn = TurnAngle::from_degrees(1000.0 * noise.normal());
-                BundleView { turn, keypoints, width_px, height_px }
+                KeypointView { turn, keypoints, width_px, height_px }
             })
             .collect();
         let camera = CameraSetup { vertical_fov_radians: fov, ..CameraSetup::default() };
-        let options = BundleOptions::default();
-        if let Ok(found) = bundle(&body(), &views, &camera, Some(STATURE_MM), &options) {
+        let options = SkeletonFitOptions::default();
+        if let Ok(found) = fit_skeleton(&body(), &views, &camera, Some(STATURE_MM), &options) {
             let found = Solved::from(found);
             prop_assert!(found.skeleton.rms_px.is_finite());
             prop_assert!(found.views.iter().all(|v| v.camera.distance_mm.is_finite()));

@@ -121,7 +121,7 @@ pub(super) struct Truth {
     pub(super) body: Avatar,
     pub(super) camera: Camera,
     pub(super) poses: Vec<Pose>,
-    pub(super) views: Vec<BundleView>,
+    pub(super) views: Vec<KeypointView>,
 }
 
 pub(super) struct Setting {
@@ -148,8 +148,8 @@ impl Default for Setting {
     }
 }
 
-pub(super) fn scales() -> Scales {
-    Scales {
+pub(super) fn scales() -> BoneScales {
+    BoneScales {
         logs: [0.03, -0.04, 0.03, 0.02, -0.03, -0.03, -0.01, 0.02, 0.03],
     }
 }
@@ -188,7 +188,7 @@ pub(super) fn scan(setting: &Setting) -> Truth {
             keypoints.set(*joint, keypoint);
         }
         poses.push(pose);
-        views.push(BundleView {
+        views.push(KeypointView {
             turn,
             keypoints,
             width_px: camera.width_px,
@@ -226,12 +226,12 @@ impl From<(Skeleton, Vec<SkeletonView>)> for Solved {
 }
 
 pub(super) fn solved(truth: &Truth) -> Solved {
-    let found = bundle(
+    let found = fit_skeleton(
         &body(),
         &truth.views,
         &setup(&truth.camera),
         Some(STATURE_MM),
-        &BundleOptions::default(),
+        &SkeletonFitOptions::default(),
     )
     .expect("a good scan");
     found.into()

@@ -16,7 +16,7 @@ const STRIP: f64 = 4.0;
 
 /// What the rim needs to know of a mesh, found once
 #[derive(Debug, Clone)]
-pub struct RimMesh {
+pub struct ContourMesh {
     triangles: Vec<[u32; 3]>,
     /// Each edge with its triangles: the first runs along it as given, the second back
     edges: Vec<([u32; 2], [u32; 2])>,
@@ -32,7 +32,7 @@ pub(super) struct RimVertex {
     pub(super) edge: EdgePoint,
 }
 
-impl RimMesh {
+impl ContourMesh {
     /// Finds edges and stars of a closed manifold mesh; edges of other kinds are left out
     ///
     /// # Panics
