@@ -197,7 +197,7 @@ impl<'a> Job<'a> {
 
     pub(super) fn segment(
         &mut self,
-        skeleton_views: Option<Vec<SkeletonView>>,
+        skeleton_views: Option<&[SkeletonView]>,
         priors: &[Mask],
     ) -> Result<Vec<SolvedView>, PipelineError> {
         let (scan, cancel) = (self.scan, self.cancel);
@@ -227,7 +227,7 @@ impl<'a> Job<'a> {
                 Ok(silhouette) => views.push(SolvedView {
                     id: ViewId(index),
                     silhouette,
-                    skeleton: skeleton_views.as_ref().map(|views| views[index]),
+                    skeleton: skeleton_views.map(|views| views[index]),
                     fit: None,
                     normalized: None,
                 }),

@@ -1,6 +1,6 @@
-//! The whole job: stages in order, events, cancellation.
+//! The complete job: stages in order, events, cancellation.
 //!
-//! [`run`] is pure computation over a loaded scan; [`pirouette_files::results`] writes what it found. A view that a
+//! [`run`] is pure computation over a scan in memory; reports are written by `pirouette-files`. A view that a
 //! stage cannot use is dropped with a warning while enough are left. Photos are never copied.
 
 mod event;
@@ -182,7 +182,7 @@ pub fn run(
     let avatar = job.make_avatar()?;
     let (skeleton, skeleton_views) = job.fit_skeleton(&avatar)?.unzip();
     let priors = job.render_priors(skeleton.as_ref(), skeleton_views.as_deref())?;
-    let views = job.segment(skeleton_views, &priors)?;
+    let views = job.segment(skeleton_views.as_deref(), &priors)?;
     drop(priors);
     let mut report = Report::new(config, avatar, skeleton, views);
     find_body(&mut job, &mut report)?;
