@@ -1,12 +1,16 @@
 //! Erosion, dilation, connected components and holes of masks.
 //!
-//! Structuring elements are Euclidean discs of any radius, by thresholding exact distances. Beyond the
-//! image nothing is known: its border neither erodes nor dilates a shape.
+//! Structuring elements are Euclidean discs. A disc of radius `r` around a pixel center contains the pixel centers at a
+//! distance of at most `r * (1 + 1e-6)`: a radius computed as the distance of two centers reaches them in spite of
+//! rounding. A radius below one pixel contains the center alone. Pixels beyond the image are unknown: its border neither
+//! erodes nor dilates a shape.
 
 use crate::Mask;
 use crate::raster::stretch;
 
-/// A radius that is meant to reach a pixel center does so in spite of rounding
+/// Factor on each radius: a radius computed as the distance of two pixel centers reaches them in spite of rounding
+///
+/// It lengthens a radius of 100 px by a ten-thousandth of a pixel.
 const ROUNDING: f64 = 1.0 + 1e-6;
 
 /// Pixels whose center is at most `radius` px from a pixel of the given value
@@ -62,9 +66,13 @@ fn half_widths(radius: f64, width: usize, height: usize) -> Vec<usize> {
     let reach = (radius as usize).min(height.saturating_sub(1));
     let half_width = |dy: usize| {
         let limit = radius * radius - (dy * dy) as f64;
+        // The square root may be rounded across an integer, in either direction.
         let mut dx = limit.max(0.0).sqrt() as usize;
         while ((dx + 1) * (dx + 1)) as f64 <= limit {
             dx += 1;
+        }
+        while dx > 0 && (dx * dx) as f64 > limit {
+            dx -= 1;
         }
         dx.min(width)
     };
@@ -375,11 +383,12 @@ mod tests {
     }
 
     fn dilate_reference(mask: &Mask, radius: f64) -> Mask {
+        let radius = if radius < 1.0 { 0.0 } else { radius * ROUNDING };
         Mask::from_fn(mask.width(), mask.height(), |x, y| {
             (0..mask.height()).any(|v| {
                 (0..mask.width()).any(|u| {
-                    let d = (u as f64 - x as f64).hypot(v as f64 - y as f64);
-                    mask[(u, v)] && d <= radius
+                    let squared = x.abs_diff(u).pow(2) + y.abs_diff(v).pow(2);
+                    mask[(u, v)] && squared as f64 <= radius * radius
                 })
             })
         })
@@ -468,6 +477,33 @@ mod tests {
             assert_eq!(largest_component(&mask), mask);
             assert_eq!(fill_holes_below(&mask, usize::MAX), mask);
         }
+    }
+
+    #[test]
+    fn a_disc_reaches_a_pixel_center_on_its_border_in_spite_of_rounding() {
+        let mut mask = Mask::filled(40, 3, false);
+        mask[(0, 0)] = true;
+        for (radius, width) in [(27.999994, 29), (27.9999, 28), (28.0, 29), (0.999_999_9, 1)] {
+            assert_eq!(dilate(&mask, radius), dilate_reference(&mask, radius));
+            assert_eq!(
+                dilate(&mask, radius).bounding_box().map(|b| b.2),
+                Some(width)
+            );
+        }
+    }
+
+    #[test]
+    fn half_widths_are_exact_where_the_square_root_rounds_up() {
+        let below_five = 5.0_f64.next_down();
+        assert_eq!(25.0_f64.next_down().sqrt(), 5.0);
+        assert!(below_five * below_five < 25.0);
+        assert_eq!(half_widths(below_five, 40, 1), [4]);
+    }
+
+    #[test]
+    fn a_disc_larger_than_the_image_fills_it() {
+        let mask = Mask::from_art("..#....");
+        assert_eq!(dilate(&mask, 40.512_523_461_695_295), mask.map(|_| true));
     }
 
     proptest! {

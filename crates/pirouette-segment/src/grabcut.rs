@@ -301,7 +301,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(32))]
+        #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 8))]
         #[test]
         fn sure_seeds_are_never_changed(
             colors in prop::collection::vec(prop::array::uniform3(any::<u8>()), 12 * 9),

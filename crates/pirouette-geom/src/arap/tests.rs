@@ -289,7 +289,7 @@ fn points_snap_to_the_nearest_vertex_and_keep_their_height() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 4))]
     #[test]
     fn a_rigid_motion_of_the_handles_moves_all_rigidly(
         turn in -3.1..3.1f64,

@@ -189,7 +189,7 @@ fn noise(seed: u64) -> impl Fn(DVec3) -> f64 + Sync {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 8))]
 
     #[test]
     fn noise_gives_a_closed_manifold_mesh(seed: u64) {
