@@ -18,5 +18,6 @@ mod log_domain;
 pub mod max_flow;
 pub mod plate;
 pub mod scene;
+mod scene_view;
 pub mod seeds;
 mod view_cut;

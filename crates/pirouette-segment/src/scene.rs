@@ -13,21 +13,9 @@ use crate::color_table::{ColorCells, ColorTable, ModelPair};
 use crate::grabcut::{GrabCutError, check_size};
 use crate::links::{Contrast, contrast_scale};
 use crate::plate::{BackgroundPlate, PlateOptions};
-use crate::seeds::{LogOdds, Seed};
+pub use crate::scene_view::SceneView;
+use crate::seeds::Seed;
 use crate::view_cut::{Evidence, cut_view};
-
-/// One photo with what is known of it beforehand
-#[derive(Debug, Clone, Copy)]
-pub struct SceneView<'a> {
-    /// The photo
-    pub photo: &'a Grid<[u8; 3]>,
-    /// One per pixel; when nothing is undecided the view only helps the others
-    pub seeds: &'a Grid<Seed>,
-    /// Adds to the log odds of the colors; `None` is even odds everywhere
-    pub prior: Option<&'a Grid<LogOdds>>,
-    /// Height of the person in px over 800; all lengths in px grow with it
-    pub scale: f64,
-}
 
 /// How the photos of a scene are segmented
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -10,7 +10,7 @@ use crate::border::clean;
 use crate::color_table::ColorTable;
 use crate::links::Contrast;
 use crate::plate::BackgroundPlate;
-use crate::scene::SceneView;
+use crate::scene_view::SceneView;
 use crate::seeds::{Seed, Window};
 
 /// Share of the plate in the density of the background; the rest is for what moved or throws light

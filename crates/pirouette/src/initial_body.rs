@@ -5,7 +5,6 @@ use rayon::prelude::*;
 use crate::body_fit::{
     BodyFitOptions, BodyFitPrior, BodyFitView, Outlines, fit_outlines, rigid_residual,
 };
-use crate::pipeline::{AvatarSource, Config, Method, PipelineError};
 use crate::scan::{CameraSetup, Scan};
 use crate::skeleton_fit::{
     KeypointView, Skeleton, SkeletonFitError, SkeletonFitOptions, fit_skeleton,
@@ -14,21 +13,27 @@ use crate::view::SolvedView;
 use pirouette_body::Avatar;
 use pirouette_body::Pose;
 use pirouette_body::Sex;
-use pirouette_body::mannequin::{MannequinParameters, mannequin, sketch};
+use pirouette_body::mannequin::{MannequinError, MannequinParameters, mannequin, sketch};
 
-/// Whether the mannequin that a fit starts from is to be chosen: when nothing was said about it
-///
-/// Until then a neutral one does. A sketch would not: with its lumps for fingers as the prior, the segmentation loses hands
-/// (160 rendered photos: 10 % quantile of the IoU 0.985 to 0.978).
-pub(crate) fn is_free(config: &Config) -> bool {
-    let said_nothing = matches!(
-        config.avatar,
-        AvatarSource::Mannequin {
-            sex: Sex::Neutral,
-            mass_kg: None
-        }
-    );
-    said_nothing && config.method == Method::Fit
+/// Why there is no body to start from
+#[derive(Debug)]
+pub(crate) enum InitialBodyError {
+    /// No mannequin of that stature
+    Mannequin(MannequinError),
+    /// No skeleton with that mannequin
+    SkeletonFit(SkeletonFitError),
+}
+
+impl From<MannequinError> for InitialBodyError {
+    fn from(error: MannequinError) -> Self {
+        Self::Mannequin(error)
+    }
+}
+
+impl From<SkeletonFitError> for InitialBodyError {
+    fn from(error: SkeletonFitError) -> Self {
+        Self::SkeletonFit(error)
+    }
 }
 
 /// A body to start a fit from
@@ -89,7 +94,7 @@ pub(crate) fn choose_start(
     outlines: &Outlines,
     stature_mm: f64,
     cancelled: &(dyn Fn() -> bool + Sync),
-) -> Result<Start, PipelineError> {
+) -> Result<Start, InitialBodyError> {
     let posed = |figure: &Avatar| pose_figure(scan, skeleton, views, figure, stature_mm);
     let of = |sex, mass_kg| MannequinParameters {
         sex,

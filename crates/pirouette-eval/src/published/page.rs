@@ -2,10 +2,8 @@
 
 use std::fmt::Write;
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
 use pirouette_files::formats::photo::encode_photo_png;
-use pirouette_files::report::escape_html;
+use pirouette_files::report::{data_uri, escape_html};
 use thiserror::Error;
 
 use super::{Experiment, Picture, Results};
@@ -173,11 +171,11 @@ fn web_experiment(html: &mut String, experiment: &Experiment) -> Result<(), Page
     }
     for picture in &experiment.pictures {
         let caption = escape_html(&picture.caption);
-        let data = STANDARD.encode(png(picture)?);
+        let data = data_uri("image/png", &png(picture)?);
         push(
             html,
             format_args!(
-                "<figure><img alt=\"{caption}\" src=\"data:image/png;base64,{data}\">\
+                "<figure><img alt=\"{caption}\" src=\"{data}\">\
                  <figcaption>{caption}</figcaption></figure>\n"
             ),
         );

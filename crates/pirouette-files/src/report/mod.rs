@@ -15,7 +15,7 @@ mod tapes;
 
 pub use contact::{ContactView, contact_sheet};
 pub use overlay::{OverlayInput, SURE_CONFIDENCE, overlay};
-pub use page::escape_html;
+pub use page::{data_uri, escape_html};
 pub use residuals::{ResidualView, SeenBody, count_color, residual_sheet};
 pub use tapes::tape_sheet;
 

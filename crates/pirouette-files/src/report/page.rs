@@ -131,6 +131,11 @@ fn add(html: &mut String, text: std::fmt::Arguments) {
     let _ = html.write_fmt(text);
 }
 
+/// A picture as an address that holds its bytes, for pages without other files
+pub fn data_uri(media_type: &str, bytes: &[u8]) -> String {
+    format!("data:{media_type};base64,{}", STANDARD.encode(bytes))
+}
+
 /// A text that means itself in HTML, between tags and in quoted attributes
 pub fn escape_html(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
@@ -151,9 +156,9 @@ fn add_picture(html: &mut String, what: &str, jpeg: &[u8]) {
     add(
         html,
         format_args!(
-            "<img alt=\"{}\" src=\"data:image/jpeg;base64,{}\">",
+            "<img alt=\"{}\" src=\"{}\">",
             escape_html(what),
-            STANDARD.encode(jpeg)
+            data_uri("image/jpeg", jpeg)
         ),
     );
 }

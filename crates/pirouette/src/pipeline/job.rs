@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use pirouette_body::{Avatar, Pose};
+use pirouette_body::{Avatar, Pose, Sex};
 use pirouette_geom::Mask;
 use pirouette_geom::outline_map::OutlineMap;
 use rayon::prelude::*;
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::body_fit::{BodyFitPrior, CameraSpread, Outlines, fit_outlines};
 use crate::carve::{CarveOptions, carve, carve_beside_avatar};
 use crate::color::{ColorOptions, ColorView, color_surface};
-use crate::initial_body::{choose_start, fit_views, is_free};
+use crate::initial_body::{choose_start, fit_views};
 use crate::measure::{MeasureInput, measure};
 use crate::normalize::{NormalizeError, NormalizedView};
 use crate::pipeline::stages::{
@@ -20,7 +20,8 @@ use crate::pipeline::stages::{
 };
 use crate::pipeline::warning::{self, Warning};
 use crate::pipeline::{
-    CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError, Report, Stage,
+    AvatarSource, CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError,
+    Report, Stage,
 };
 use crate::scan::{CameraSetup, Scan};
 use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
@@ -457,6 +458,21 @@ impl<'a> Job<'a> {
             ..report
         }
     }
+}
+
+/// Whether the mannequin that a fit starts from is to be chosen: when nothing was said about it
+///
+/// Until then a neutral one does. A sketch would not: with its lumps for fingers as the prior, the segmentation loses hands
+/// (160 rendered photos: 10 % quantile of the IoU 0.985 to 0.978).
+fn is_free(config: &Config) -> bool {
+    let said_nothing = matches!(
+        config.avatar,
+        AvatarSource::Mannequin {
+            sex: Sex::Neutral,
+            mass_kg: None
+        }
+    );
+    said_nothing && config.method == Method::Fit
 }
 
 /// How far the skeleton's camera may be off, where it was not given

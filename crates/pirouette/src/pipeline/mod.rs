@@ -13,6 +13,7 @@ use thiserror::Error;
 
 use crate::body_fit::BodyFitOptions;
 use crate::carve::CarveError;
+use crate::initial_body::InitialBodyError;
 use crate::scan::Scan;
 use crate::segment::SegmentOptions;
 use crate::skeleton_fit::SkeletonFitError;
@@ -163,6 +164,15 @@ pub enum PipelineError {
     /// Asked to stop
     #[error("cancelled")]
     Cancelled,
+}
+
+impl From<InitialBodyError> for PipelineError {
+    fn from(error: InitialBodyError) -> Self {
+        match error {
+            InitialBodyError::Mannequin(error) => error.into(),
+            InitialBodyError::SkeletonFit(error) => error.into(),
+        }
+    }
 }
 
 /// Does the whole job on a loaded scan, up to the goal of `config`
