@@ -4,6 +4,7 @@
 //! replaced only file by file.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::DVec2;
@@ -20,7 +21,7 @@ use crate::report::page::{Page, PageView, write_page};
 use crate::report::pictures::{DrawnBody, draw_contact_sheet, draw_overlay, draw_residuals};
 use crate::report::tape_sheet;
 use crate::scan_folder::LoadedScan;
-use crate::sink::{WriteError, make_folder, write_whole};
+use crate::sink::{Sink, WriteError, make_folder};
 use crate::warning::Warning;
 use pirouette::normalize::{JointPositions, LimbRefinement, Registration};
 use pirouette::pipeline::{Goal, Method, Report};
@@ -84,20 +85,46 @@ pub fn write_results(
     options: &ResultOptions,
 ) -> Result<(), ResultError> {
     make_folder(folder)?;
+    let sink = Sink::Folder(folder.to_owned());
+    write_artifacts(&sink, loaded, load_seconds, report, options)
+}
+
+/// Makes all that [`write_results`] writes in memory: bytes by name, such as `views/000/mask.png`
+///
+/// # Errors
+/// When an encoder refuses a picture.
+pub fn make_artifacts(
+    loaded: &LoadedScan,
+    load_seconds: f64,
+    report: &Report,
+    options: &ResultOptions,
+) -> Result<BTreeMap<String, Vec<u8>>, ResultError> {
+    let sink = Sink::memory();
+    write_artifacts(&sink, loaded, load_seconds, report, options)?;
+    Ok(sink.into_artifacts())
+}
+
+/// Puts all that a report holds into a sink, `result.json` last
+fn write_artifacts(
+    sink: &Sink,
+    loaded: &LoadedScan,
+    load_seconds: f64,
+    report: &Report,
+    options: &ResultOptions,
+) -> Result<(), ResultError> {
     let with_page = options.page_title.is_some();
     let sheet = |name: &str, draw: &(dyn Fn() -> Option<Photo> + Sync)| {
-        let file = folder.join(name);
         let Some(picture) = draw() else {
             return Ok(None);
         };
-        let jpeg = as_jpeg(&file, &picture)?;
-        write_whole(&file, &jpeg)?;
+        let jpeg = as_jpeg(&sink.path(name), &picture)?;
+        sink.put(name, &jpeg)?;
         Ok::<_, ResultError>(Some(jpeg))
     };
     let some_views = !report.views.is_empty();
     let write_views = || {
         let views = report.views.par_iter();
-        let write = |view| write_view(folder, loaded, report, view, with_page);
+        let write = |view| write_view(sink, loaded, report, view, with_page);
         views.map(write).collect::<Result<Vec<_>, _>>()
     };
     let pictures = |body: Option<&DrawnBody>| {
@@ -124,17 +151,15 @@ pub fn write_results(
     };
     let (body, written) = rayon::join(
         || DrawnBody::new(report),
-        || write_bodies(folder, report, options.formats),
+        || write_bodies(sink, report, options.formats),
     );
     written?;
     let (contact_sheet, residuals, tapes, page_overlays) = pictures(body.as_ref())?;
     let mut sizes = Vec::new();
     if let Some(measurements) = &report.measurements {
         let advice = advise_person(measurements, options.charts);
-        write_json(
-            &folder.join("measurements.json"),
-            &measurements_json(measurements, &advice),
-        )?;
+        let value = measurements_json(measurements, &advice);
+        put_json(sink, "measurements.json", &value)?;
         if measurements.in_mm() {
             let advice = advice.into_iter();
             sizes = advice.map(|a| (a.chart, a.verdict)).collect();
@@ -148,15 +173,15 @@ pub fn write_results(
             residuals,
             ..page(title, loaded, load_seconds, report, contact_sheet, overlays)
         };
-        write_whole(&folder.join("report.html"), write_page(&page).as_bytes())?;
+        sink.put("report.html", write_page(&page).into_bytes())?;
     }
     // Last, so that a result.json stands for a whole result.
     let result = result_value(loaded, load_seconds, report);
-    write_json(&folder.join("result.json"), &result)
+    put_json(sink, "result.json", &result)
 }
 
 /// Writes the body, and the hull where there is one, in each format
-fn write_bodies(folder: &Path, report: &Report, formats: &[MeshFormat]) -> Result<(), ResultError> {
+fn write_bodies(sink: &Sink, report: &Report, formats: &[MeshFormat]) -> Result<(), ResultError> {
     // What was fitted has bones and colors.
     let body = report.body.as_ref().map(|mesh| match &report.fit {
         Some(fit) => BodyMesh {
@@ -169,8 +194,8 @@ fn write_bodies(folder: &Path, report: &Report, formats: &[MeshFormat]) -> Resul
     for (name, body) in [("body", body), ("hull", hull)] {
         if let Some(body) = body {
             for format in formats {
-                let file = folder.join(format!("{name}.{}", format.extension()));
-                write_whole(&file, &format.write(body))?;
+                let name = format!("{name}.{}", format.extension());
+                sink.put(&name, format.write(body))?;
             }
         }
     }
@@ -179,15 +204,14 @@ fn write_bodies(folder: &Path, report: &Report, formats: &[MeshFormat]) -> Resul
 
 /// Writes the folder of one view and hands back its picture for the page
 fn write_view(
-    folder: &Path,
+    sink: &Sink,
     loaded: &LoadedScan,
     report: &Report,
     found: &SolvedView,
     with_page: bool,
 ) -> Result<Option<Vec<u8>>, ResultError> {
     let view = &loaded.scan.views[found.id.0];
-    let folder = folder.join("views").join(&view.name);
-    make_folder(&folder)?;
+    let within = |file: &str| format!("views/{}/{file}", view.name);
     let silhouette = &found.silhouette;
     let mask = in_input_size(view, &silhouette.mask, |width, height| {
         let mask = resample_mask(&silhouette.soft.whole(), width, height, 0.5);
@@ -199,18 +223,19 @@ fn write_view(
             None => mask,
         }
     });
-    write_mask(&folder.join("mask.png"), &mask)?;
+    put_mask(sink, &within("mask.png"), &mask)?;
     if let Some(normalized) = &found.normalized {
         let mask = in_input_size(view, &normalized.mask, |width, height| {
             resample_mask(&normalized.soft(), width, height, 0.5)
         });
-        write_mask(&folder.join("normalized.png"), &mask)?;
+        put_mask(sink, &within("normalized.png"), &mask)?;
     }
     let overlay = draw_overlay(view, report, found);
-    let file = folder.join("overlay.jpg");
-    write_whole(&file, &as_jpeg(&file, &overlay)?)?;
+    let name = within("overlay.jpg");
+    let file = sink.path(&name);
+    sink.put(&name, as_jpeg(&file, &overlay)?)?;
     let value = view_value(view, found);
-    write_json(&folder.join("view.json"), &value)?;
+    put_json(sink, &within("view.json"), &value)?;
     let for_page = with_page.then(|| as_jpeg(&file, &shrink(overlay, PAGE_OVERLAY_PX)));
     for_page.transpose()
 }
@@ -285,12 +310,12 @@ fn in_input_size<'a>(
     }
 }
 
-fn write_mask(file: &Path, mask: &Mask) -> Result<(), ResultError> {
+fn put_mask(sink: &Sink, name: &str, mask: &Mask) -> Result<(), ResultError> {
     let png = encode_mask(mask).map_err(|source| ResultError::Picture {
-        file: file.to_owned(),
+        file: sink.path(name),
         source,
     })?;
-    Ok(write_whole(file, &png)?)
+    Ok(sink.put(name, png)?)
 }
 
 fn as_jpeg(file: &Path, picture: &Photo) -> Result<Vec<u8>, ResultError> {
@@ -300,8 +325,8 @@ fn as_jpeg(file: &Path, picture: &Photo) -> Result<Vec<u8>, ResultError> {
     })
 }
 
-fn write_json(file: &Path, value: &Value) -> Result<(), ResultError> {
-    Ok(write_whole(file, format!("{value:#}\n").as_bytes())?)
+fn put_json(sink: &Sink, name: &str, value: &Value) -> Result<(), ResultError> {
+    Ok(sink.put(name, format!("{value:#}\n").into_bytes())?)
 }
 
 /// What result.json holds

@@ -1,8 +1,11 @@
-//! Files written whole or not at all.
+//! Where results go: files of a folder or entries in memory, each written completely or not at all.
 
+use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use thiserror::Error;
 
@@ -33,6 +36,58 @@ pub enum WriteError {
         /// What the system says
         source: io::Error,
     },
+}
+
+/// A place for the artifacts of a job, by names such as `views/000/mask.png`
+#[derive(Debug)]
+pub enum Sink {
+    /// Files in a folder; folders within are made as needed
+    Folder(PathBuf),
+    /// Entries in memory
+    Memory(Mutex<BTreeMap<String, Vec<u8>>>),
+}
+
+impl Sink {
+    /// An empty sink in memory
+    pub fn memory() -> Self {
+        Self::Memory(Mutex::default())
+    }
+
+    /// Stores one artifact; can be called from any thread
+    ///
+    /// # Errors
+    /// When a file cannot be written; what was there before is then unchanged.
+    pub fn put<'a>(&self, name: &str, bytes: impl Into<Cow<'a, [u8]>>) -> Result<(), WriteError> {
+        let bytes = bytes.into();
+        match self {
+            Self::Folder(_) => {
+                let file = self.path(name);
+                make_folder(file.parent().unwrap_or(Path::new(".")))?;
+                write_whole(&file, &bytes)
+            }
+            Self::Memory(entries) => {
+                let mut entries = entries.lock().unwrap_or_else(PoisonError::into_inner);
+                entries.insert(name.to_owned(), bytes.into_owned());
+                Ok(())
+            }
+        }
+    }
+
+    /// The path of an artifact, for messages
+    pub fn path(&self, name: &str) -> PathBuf {
+        match self {
+            Self::Folder(folder) => folder.join(name),
+            Self::Memory(_) => PathBuf::from(name),
+        }
+    }
+
+    /// The artifacts in memory by name; none of a folder
+    pub fn into_artifacts(self) -> BTreeMap<String, Vec<u8>> {
+        match self {
+            Self::Folder(_) => BTreeMap::new(),
+            Self::Memory(entries) => entries.into_inner().unwrap_or_else(PoisonError::into_inner),
+        }
+    }
 }
 
 fn remedy(error: &io::Error) -> &'static str {
