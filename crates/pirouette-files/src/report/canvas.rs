@@ -1,17 +1,16 @@
-//! Drawing on a photo: smooth lines and discs, tints, text, and shrinking.
+//! Drawing on a photo: anti-aliased lines and discs, tints, and shrinking.
 //!
-//! Coordinates are photo coordinates: pixel centers at .5. Whatever lies outside is cut off, what is not finite
-//! is not drawn.
+//! Coordinates are photo coordinates: pixel centers at .5. Shapes are clipped to the photo; shapes whose coordinates
+//! are not finite are skipped.
 
 use std::ops::Range;
 
 use glam::DVec2;
 use pirouette_geom::{Grid, Mask};
 
-use super::font;
 use pirouette::scan::Photo;
 
-/// A color as files have it
+/// An sRGB color, 8 bits per channel
 pub(super) type Color = [u8; 3];
 
 /// Mixes a color into a pixel
@@ -22,7 +21,7 @@ pub(super) fn mix(pixel: &mut Color, color: Color, alpha: f64) {
     }
 }
 
-/// What [`mix`] makes of every level, for one color and strength: for many pixels
+/// The results of [`mix`] for every level, for one color and strength: a table for many pixels
 pub(super) struct Tint([[u8; 256]; 3]);
 
 impl Tint {
@@ -45,7 +44,7 @@ impl Tint {
     }
 }
 
-/// Columns or rows whose centers can lie within `reach` of what spans `low` to `high`
+/// Columns or rows whose centers can lie within `reach` of the interval from `low` to `high`
 fn span(low: f64, high: f64, reach: f64, size: usize) -> std::ops::Range<usize> {
     let end = (high + reach + 1.0).clamp(0.0, size as f64) as usize;
     let start = (low - reach - 1.0).clamp(0.0, size as f64) as usize;
@@ -105,7 +104,7 @@ pub(super) fn disc(photo: &mut Photo, center: DVec2, radius: f64, color: Color) 
     stroke(photo, &[[center, center]], 2.0 * radius, color);
 }
 
-/// Mixes a color into a rectangle of whole pixels
+/// Mixes a color into a rectangle of pixels
 pub(super) fn tint_box(
     photo: &mut Photo,
     (left, top): (usize, usize),
@@ -121,31 +120,12 @@ pub(super) fn tint_box(
     }
 }
 
-/// Writes one line of text, its upper left corner at `(left, top)`, in blocks of `scale` px
-pub(super) fn write(
-    photo: &mut Photo,
-    (left, top): (usize, usize),
-    text: &str,
-    scale: usize,
-    color: Color,
-) {
-    for (x, y) in font::ink(text) {
-        let corner = (left + x * scale, top + y * scale);
-        tint_box(photo, corner, (scale, scale), color, 1.0);
-    }
-}
-
-/// Size of a line of text, in px
-pub(super) fn text_size(text: &str, scale: usize) -> (usize, usize) {
-    (font::width(text) * scale, font::LINE * scale)
-}
-
 /// Copies a picture into another, its upper left corner at `(left, top)`
-pub(super) fn paste(photo: &mut Photo, part: &Photo, (left, top): (usize, usize)) {
-    let right = (left + part.width()).min(photo.width());
-    for y in 0..part.height() {
+pub(super) fn paste(photo: &mut Photo, tile: &Photo, (left, top): (usize, usize)) {
+    let right = (left + tile.width()).min(photo.width());
+    for y in 0..tile.height() {
         if top + y < photo.height() && left < right {
-            photo.row_mut(top + y)[left..right].copy_from_slice(&part.row(y)[..right - left]);
+            photo.row_mut(top + y)[left..right].copy_from_slice(&tile.row(y)[..right - left]);
         }
     }
 }
@@ -160,32 +140,32 @@ pub(super) struct Crop {
 }
 
 impl Crop {
-    pub(super) const WHOLE: Crop = Crop {
+    pub(super) const FULL: Crop = Crop {
         left: 0.0,
         top: 0.0,
         right: 1.0,
         bottom: 1.0,
     };
 
-    /// The part of pictures of any size where any of the boxes is, with a margin; the whole without boxes
+    /// The union of the boxes with a margin, for pictures of any size; the full picture without boxes
     pub(super) fn around(boxes: impl Iterator<Item = (PixelBox, (f64, f64))>) -> Self {
         let mut union: Option<Crop> = None;
         for ((x0, y0, x1, y1), (width, height)) in boxes {
-            let seen = Crop {
+            let fractions = Crop {
                 left: x0 as f64 / width,
                 top: y0 as f64 / height,
                 right: x1 as f64 / width,
                 bottom: y1 as f64 / height,
             };
-            union = Some(union.map_or(seen, |u| Crop {
-                left: u.left.min(seen.left),
-                top: u.top.min(seen.top),
-                right: u.right.max(seen.right),
-                bottom: u.bottom.max(seen.bottom),
+            union = Some(union.map_or(fractions, |u| Crop {
+                left: u.left.min(fractions.left),
+                top: u.top.min(fractions.top),
+                right: u.right.max(fractions.right),
+                bottom: u.bottom.max(fractions.bottom),
             }));
         }
         let Some(u) = union else {
-            return Crop::WHOLE;
+            return Crop::FULL;
         };
         let (wide, high) = (u.right - u.left, u.bottom - u.top);
         Crop {
@@ -196,7 +176,7 @@ impl Crop {
         }
     }
 
-    /// Width of a tile of some height that keeps the proportions of this part of the first picture that is not empty
+    /// Width of a tile of the given height that keeps the aspect ratio of this crop of the first non-empty picture
     pub(super) fn tile_width<'a>(
         self,
         mut pictures: impl Iterator<Item = &'a Photo>,
@@ -213,24 +193,24 @@ impl Crop {
     }
 }
 
-/// Part of the person's extent that stays visible around it
+/// Margin around the persons, as a fraction of their extent
 const MARGIN: f64 = 0.06;
 
-/// A tile is at most this much wider than high
+/// Largest ratio of width to height of a tile
 const MAX_TILE_ASPECT: f64 = 1.6;
 
-/// First column and row, and those after the last
+/// First column and row, then the column and row after the last
 pub(super) type PixelBox = (usize, usize, usize, usize);
 
-/// The box of a mask with the mask's own size
+/// The bounding box of a mask, and the size of the mask
 pub(super) fn sized_box(mask: &Mask) -> Option<(PixelBox, (f64, f64))> {
     let size = (mask.width() as f64, mask.height() as f64);
     Some((mask.bounding_box()?, size))
 }
 
-/// Resamples a part of a picture by a box filter: each new pixel is the mean of what it covers
+/// Resamples a crop of a picture by a box filter: each new pixel is the mean of the pixels that it covers
 ///
-/// An empty picture gives a gray one.
+/// The result for an empty picture is gray.
 pub(super) fn shrink(photo: &Photo, crop: Crop, width: usize, height: usize) -> Photo {
     let size = (photo.width(), photo.height());
     shrink_rows(size, crop, width, height, |y, columns, row| {
@@ -238,7 +218,7 @@ pub(super) fn shrink(photo: &Photo, crop: Crop, width: usize, height: usize) -> 
     })
 }
 
-/// The same for a picture of some size that is made row by row: `fill` is given a row, columns, and their pixels
+/// [`shrink`] for a picture that is computed row by row: `fill` receives a row, columns, and the pixels to write
 pub(super) fn shrink_rows(
     (columns, rows): (usize, usize),
     crop: Crop,
@@ -258,7 +238,7 @@ pub(super) fn shrink_rows(
     let mut source = vec![[0; 3]; covered.len()];
     let mut flat = vec![0f32; 3 * covered.len()];
     let mut pixels = Vec::with_capacity(width * height);
-    // Rows that fall together are summed up first, all columns of them at once.
+    // The rows of one new row are summed first, over all columns: these loops vectorize.
     for (first, weights) in &down {
         flat.fill(0.0);
         for (row, &weight) in (*first..).zip(weights) {
@@ -283,13 +263,13 @@ pub(super) fn shrink_rows(
     Photo::from_vec(width, height, pixels)
 }
 
-/// For each new pixel the old ones that it covers: the first, and the covered length of each
+/// For each new pixel the old pixels that it covers: the first, and the covered length of each
 fn box_weights(low: f64, high: f64, old: usize, new: usize) -> Vec<(usize, Vec<f32>)> {
     let step = (high - low) * old as f64 / new as f64;
     (0..new)
         .map(|i| {
             let start = low * old as f64 + i as f64 * step;
-            // at least one pixel wide: enlarging repeats pixels
+            // Enlarging repeats pixels: at least one is covered.
             let start = start.clamp(0.0, old as f64 - 1.0);
             let end = (start + step.max(1e-3)).min(old as f64);
             let first = start as usize;
@@ -304,6 +284,7 @@ fn box_weights(low: f64, high: f64, old: usize, new: usize) -> Vec<(usize, Vec<f
 
 #[cfg(test)]
 mod tests {
+    use super::super::font::Lettering;
     use super::*;
 
     fn black(width: usize, height: usize) -> Photo {
@@ -320,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn drawing_outside_or_nowhere_changes_nothing() {
+    fn drawing_outside_changes_nothing() {
         let mut photo = black(4, 4);
         for far in [
             DVec2::splat(1e9),
@@ -331,7 +312,7 @@ mod tests {
             disc(&mut photo, far, 3.0, [255; 3]);
         }
         tint_box(&mut photo, (9, 9), (4, 4), [255; 3], 1.0);
-        write(&mut photo, (50, 2), "outside", 2, [255; 3]);
+        Lettering::new(20.0).draw(&mut photo, (50, 2), "outside", [255; 3]);
         paste(&mut photo, &Photo::filled(2, 2, [9; 3]), (7, 0));
         assert_eq!(photo, black(4, 4));
     }
@@ -339,17 +320,17 @@ mod tests {
     #[test]
     fn shrinking_keeps_means_and_the_identity() {
         let photo = Photo::from_fn(6, 4, |x, y| [(x * 10) as u8, (y * 20) as u8, 7]);
-        assert_eq!(shrink(&photo, Crop::WHOLE, 6, 4), photo);
-        let half = shrink(&photo, Crop::WHOLE, 3, 2);
+        assert_eq!(shrink(&photo, Crop::FULL, 6, 4), photo);
+        let half = shrink(&photo, Crop::FULL, 3, 2);
         assert_eq!(half.as_slice()[0], [5, 10, 7]);
         assert_eq!(half.as_slice()[5], [45, 50, 7]);
         let left = Crop {
             right: 1.0 / 3.0,
-            ..Crop::WHOLE
+            ..Crop::FULL
         };
         assert_eq!(shrink(&photo, left, 1, 1).as_slice(), &[[5, 30, 7]]);
-        let large = shrink(&photo, Crop::WHOLE, 12, 8);
+        let large = shrink(&photo, Crop::FULL, 12, 8);
         assert_eq!(large.as_slice()[0], [0, 0, 7]);
-        assert_eq!(shrink(&black(0, 3), Crop::WHOLE, 2, 1).as_slice().len(), 2);
+        assert_eq!(shrink(&black(0, 3), Crop::FULL, 2, 1).as_slice().len(), 2);
     }
 }

@@ -1,16 +1,17 @@
-//! All views at a glance: one column per view, one row per stage.
+//! The contact sheet: one column per view, one row per stage.
 
 use std::ops::Range;
 
 use pirouette_geom::{Grid, Mask};
 use rayon::prelude::*;
 
-use super::canvas::{self, Color, Crop, mix, paste, shrink, shrink_rows, sized_box, tint_box};
-use super::font;
+use super::canvas::{Color, Crop, mix, paste, shrink, shrink_rows, sized_box, tint_box};
+use super::font::Lettering;
+use super::labels::{Entry, Legend, title};
 use pirouette::scan::Photo;
 use pirouette_body::TurnAngle;
 
-/// What the sheet shows of one view; what is missing leaves an empty tile
+/// Contents of the column of one view; a tile whose picture is `None` stays empty
 #[derive(Debug, Clone, Copy)]
 pub struct ContactView<'a> {
     /// Name of the view
@@ -23,7 +24,7 @@ pub struct ContactView<'a> {
     pub mask: Option<&'a Mask>,
     /// The pose-normalized silhouette
     pub normalized: Option<&'a Mask>,
-    /// Coverage of the reference at that angle, 255 where it covers a pixel as a whole; of any size
+    /// Coverage of the reference at that angle, 255 where it covers a pixel completely; of any size
     pub reference: Option<&'a Grid<u8>>,
     /// The reconstructed body as seen in this view
     pub body: Option<&'a Photo>,
@@ -32,53 +33,56 @@ pub struct ContactView<'a> {
 /// Heights of the rows of a sheet, in px
 const TILE_HEIGHT_PX: usize = 300;
 
-/// Views in one band; more views start another band below
+/// Views in one band; further views start another band below
 const VIEWS_PER_BAND: usize = 12;
 
 /// Space between tiles, in px
 const GAP_PX: usize = 6;
 
-/// Pixels per dot of the labels
-const TEXT_SCALE: usize = 2;
+/// Size of the text, in px
+const TEXT_PX: f64 = 17.0;
+
+/// Sheets of few views are no narrower than this, in px: the legend needs the room
+const MIN_WIDTH_PX: usize = 560;
 
 const PAPER: Color = [250, 250, 250];
 const INK: Color = [40, 44, 52];
 const PALE_INK: Color = [125, 131, 142];
 const FAINT: Color = [228, 230, 234];
 const SILHOUETTE: Color = [60, 66, 78];
-/// Blue and orange differ for every kind of color vision
+/// Blue and orange are distinct for every kind of color vision
 const BOTH: Color = [196, 199, 206];
 const ONLY_NORMALIZED: Color = [230, 110, 20];
 const ONLY_REFERENCE: Color = [30, 105, 210];
 
-const ROWS: [&str; 4] = ["photo", "mask", "normalized", "body"];
+const ROWS: [&str; 4] = ["Photo", "Mask", "Normalized", "Body"];
 
 /// Puts all views on one sheet: photo, mask, normalized silhouette over the reference, body
 ///
-/// All tiles show the same part of their pictures, the one where persons are. Pictures of one view may differ in
-/// size. More than twelve views go into several bands; without views the sheet has labels only.
+/// All tiles show the same crop of their pictures: the one that contains all silhouettes. Pictures of one view may
+/// differ in size. More than twelve views are put into several bands; without views the sheet has labels only.
 pub fn contact_sheet(views: &[ContactView]) -> Photo {
     let crop = common_crop(views);
     let tile_width = tile_width(views, crop);
-    let label_width = ROWS
-        .iter()
-        .map(|row| canvas::text_size(row, TEXT_SCALE).0)
-        .max()
-        .unwrap_or(0)
-        + 2 * GAP_PX;
-    let line = canvas::text_size("", TEXT_SCALE).1 + GAP_PX;
+    let mut lettering = Lettering::new(TEXT_PX);
+    let label_width = widest(&ROWS, &mut lettering) + 2 * GAP_PX;
+    let line = lettering.line_px() + GAP_PX / 2;
     let columns = views.len().clamp(1, VIEWS_PER_BAND);
     let bands = views.len().div_ceil(VIEWS_PER_BAND).max(1);
     let band_height = line + ROWS.len() * (TILE_HEIGHT_PX + GAP_PX) + GAP_PX;
-    let legend_width = legend_width() + label_width + GAP_PX;
-    let width = (label_width + columns * (tile_width + GAP_PX)).max(legend_width);
-    let mut sheet = Photo::filled(width, bands * band_height + line + GAP_PX, PAPER);
+    let width = (label_width + columns * (tile_width + GAP_PX)).max(MIN_WIDTH_PX);
+    let entries = LEGEND.map(|(text, color)| Entry::swatch(color, text));
+    let legend_width = width - label_width - GAP_PX;
+    let legend = Legend::new(vec![entries.to_vec()], &mut lettering, legend_width);
+    let height = bands * band_height + legend.size.1 + 3 * GAP_PX;
+    let mut sheet = Photo::filled(width, height, PAPER);
 
     for band in 0..bands {
         let top = GAP_PX + band * band_height + line;
         for (row, label) in ROWS.iter().enumerate() {
             let middle = top + row * (TILE_HEIGHT_PX + GAP_PX) + TILE_HEIGHT_PX / 2;
-            canvas::write(&mut sheet, (GAP_PX, middle), label, TEXT_SCALE, INK);
+            let corner = (GAP_PX, middle - lettering.line_px() / 2);
+            lettering.draw(&mut sheet, corner, label, INK);
         }
     }
     let drawn: Vec<_> = views
@@ -89,7 +93,9 @@ pub fn contact_sheet(views: &[ContactView]) -> Photo {
         let left = label_width + index % VIEWS_PER_BAND * (tile_width + GAP_PX);
         let top = GAP_PX + index / VIEWS_PER_BAND * band_height;
         let angle = format!("{:.0}°", view.turn.degrees());
-        title(&mut sheet, (left, top), tile_width, view.name, &angle);
+        let (name, angle) = ((view.name, INK), (angle.as_str(), PALE_INK));
+        let corner = (left, top);
+        title(&mut sheet, corner, tile_width, &mut lettering, name, angle);
         for (row, tile) in tiles.into_iter().enumerate() {
             let corner = (left, top + line + row * (TILE_HEIGHT_PX + GAP_PX));
             match tile {
@@ -102,25 +108,13 @@ pub fn contact_sheet(views: &[ContactView]) -> Photo {
         }
     }
     let bottom = bands * band_height + GAP_PX;
-    legend(&mut sheet, (label_width, bottom));
+    legend.draw(&mut sheet, (label_width, bottom), &mut lettering, INK);
     sheet
 }
 
-/// Name and angle; a long name loses its end
-fn title(sheet: &mut Photo, (left, top): (usize, usize), width: usize, name: &str, angle: &str) {
-    let wide = |text: &str| canvas::text_size(text, TEXT_SCALE).0;
-    let gap = 5 * TEXT_SCALE;
-    let room = width.saturating_sub(wide(angle) + 2 * gap);
-    let mut shown: String = name.to_owned();
-    if wide(&shown) > room {
-        while !shown.is_empty() && wide(&shown) + wide("..") > room {
-            shown.pop();
-        }
-        shown.push_str("..");
-    }
-    canvas::write(sheet, (left, top), &shown, TEXT_SCALE, INK);
-    let after = left + wide(&shown) + gap;
-    canvas::write(sheet, (after, top), angle, TEXT_SCALE, PALE_INK);
+fn widest(texts: &[&str], lettering: &mut Lettering) -> usize {
+    let widths = texts.iter().map(|text| lettering.width(text));
+    widths.max().unwrap_or(0)
 }
 
 /// The four tiles of a view
@@ -142,7 +136,7 @@ fn tiles(view: &ContactView, crop: Crop, width: usize) -> [Option<Photo>; 4] {
     ]
 }
 
-/// The normalized silhouette over the reference: gray where both are, a color where only one is
+/// The normalized silhouette over the reference: gray inside both, a color inside only one
 fn compare(
     normalized: Option<&Mask>,
     reference: Option<&Grid<u8>>,
@@ -174,12 +168,12 @@ fn compare(
     Some(shrink_rows(size, crop, tile_width, TILE_HEIGHT_PX, draw))
 }
 
-/// Width that keeps the proportions of the first photo's part
+/// Width that keeps the aspect ratio of the crop of the first photo
 fn tile_width(views: &[ContactView], crop: Crop) -> usize {
     crop.tile_width(views.iter().map(|view| view.photo), TILE_HEIGHT_PX)
 }
 
-/// The part of the pictures where any silhouette is, with a margin
+/// The crop that contains all silhouettes, with a margin
 fn common_crop(views: &[ContactView]) -> Crop {
     let boxes = views.iter().flat_map(|view| {
         let reference = view.reference.and_then(|coverage| {
@@ -196,29 +190,10 @@ fn common_crop(views: &[ContactView]) -> Crop {
 }
 
 const LEGEND: [(&str, Color); 3] = [
-    ("both", BOTH),
+    ("in both", BOTH),
     ("normalized only", ONLY_NORMALIZED),
     ("reference only", ONLY_REFERENCE),
 ];
-
-/// Side of a legend's color sample, in px
-const SWATCH_PX: usize = font::ASCENT * TEXT_SCALE;
-
-fn legend_width() -> usize {
-    let texts = LEGEND
-        .iter()
-        .map(|(text, _)| canvas::text_size(text, TEXT_SCALE).0);
-    texts.map(|width| width + SWATCH_PX + 4 * GAP_PX).sum()
-}
-
-fn legend(sheet: &mut Photo, (mut left, top): (usize, usize)) {
-    for (text, color) in LEGEND {
-        tint_box(sheet, (left, top), (SWATCH_PX, SWATCH_PX), color, 1.0);
-        left += SWATCH_PX + GAP_PX;
-        canvas::write(sheet, (left, top), text, TEXT_SCALE, INK);
-        left += canvas::text_size(text, TEXT_SCALE).0 + 3 * GAP_PX;
-    }
-}
 
 #[cfg(test)]
 mod tests {
@@ -237,17 +212,17 @@ mod tests {
     }
 
     #[test]
-    fn comparing_colors_tell_who_covers_what() {
+    fn colors_of_the_comparison_show_which_silhouette_covers() {
         let normalized = Mask::from_art("##..");
         let reference = Grid::from_vec(4, 1, vec![255, 0, 255, 0]);
-        let picture = compare(Some(&normalized), Some(&reference), Crop::WHOLE, 4).unwrap();
+        let picture = compare(Some(&normalized), Some(&reference), Crop::FULL, 4).unwrap();
         let expected = [BOTH, ONLY_NORMALIZED, ONLY_REFERENCE, [255; 3]];
         assert_eq!(picture.row(0), expected);
-        assert!(compare(None, None, Crop::WHOLE, 4).is_none());
+        assert!(compare(None, None, Crop::FULL, 4).is_none());
     }
 
     #[test]
-    fn tiles_show_the_part_with_persons() {
+    fn tiles_show_the_crop_with_the_silhouettes() {
         let mask = Mask::from_fn(100, 200, |x, y| {
             (40..60).contains(&x) && (50..150).contains(&y)
         });

@@ -1,12 +1,14 @@
-//! Pictures that show at a glance what went wrong where.
+//! Pictures of the results, made to locate errors at a glance.
 //!
-//! [`overlay()`] draws what was found over one photo, [`contact_sheet`] puts all views side by side, and [`residual_sheet`]
-//! shows where the fitted body and the photos disagree. All are plain functions from data to pictures; files are written elsewhere.
+//! [`overlay()`] draws the results of one view over its photo, [`contact_sheet`] puts all views side by side,
+//! [`residual_sheet`] shows where the fitted body and the photos differ, and [`tape_sheet`] shows the tapes on the body. All
+//! are plain functions from data to pictures; files are written elsewhere.
 
 mod canvas;
 mod contact;
 mod font;
 pub mod json;
+mod labels;
 mod overlay;
 pub(crate) mod page;
 pub(crate) mod pictures;

@@ -1,42 +1,44 @@
-//! One photo with all that was found in it drawn over.
+//! The overlay: the results of one view, drawn over its photo.
 
 use glam::DVec2;
 use pirouette_geom::contour::trace_windowed;
 use pirouette_geom::{Grid, Windowed};
 use pirouette_segment::seeds::Seed;
 
-use super::canvas::{self, Color, Tint, disc, stroke, tint_box};
+use super::canvas::{Color, Tint, disc, stroke, tint_box};
+use super::font::Lettering;
+use super::labels::{Entry, Legend};
 use super::{CONTOUR_COLOR, DETECTED_COLOR, SKELETON_LINES, TARGET_COLOR};
 use pirouette::scan::Photo;
 use pirouette_body::{Joint, Keypoints};
 
-/// What an overlay shows; what is missing is left out
+/// Contents of an overlay; `None` is not drawn
 #[derive(Debug, Clone, Copy)]
 pub struct OverlayInput<'a> {
     /// The photo
     pub photo: &'a Photo,
-    /// What the segmentation was told, size of the photo
+    /// The seeds of the segmentation, size of the photo
     pub seeds: Option<&'a Grid<Seed>>,
-    /// The silhouette as coverage, size of the photo; its half level is drawn
+    /// The silhouette as coverage, size of the photo; its contour at one half is drawn
     pub silhouette: Option<&'a Windowed<f32>>,
     /// The skeleton as detected
     pub detected: &'a Keypoints,
-    /// Where the joints are to go, in px of the photo
+    /// The joints of the reference skeleton, in px of the photo
     pub target: Option<&'a [DVec2; Joint::COUNT]>,
 }
 
-/// Tints of the seeds, with their strength; sure background is left as it is
+/// Tints of the seeds, with their strength; certain background is not tinted
 const PERSON_TINT: (Color, f64) = ([40, 210, 90], 0.34);
 const PROBABLE_PERSON_TINT: (Color, f64) = ([120, 220, 160], 0.22);
 const PROBABLE_BACKGROUND_TINT: (Color, f64) = ([250, 150, 60], 0.22);
 
-/// Line widths and text are made for photos of this height, in px
+/// Height of a photo in which lines have their nominal width, in px
 const NOMINAL_HEIGHT_PX: f64 = 1000.0;
 
 /// Draws seeds, outline, the detected and the target skeleton over a photo, with a legend
 ///
-/// Doubtful keypoints (below [`SURE_CONFIDENCE`]) are drawn as small dots. Seeds or silhouettes of another size
-/// than the photo are left out.
+/// Keypoints up to a confidence of [`SURE_CONFIDENCE`] are drawn as small dots. Seeds or silhouettes of another size
+/// than the photo are not drawn.
 pub fn overlay(input: &OverlayInput) -> Photo {
     let mut photo = input.photo.clone();
     let unit = (photo.height() as f64 / NOMINAL_HEIGHT_PX).max(0.6);
@@ -79,19 +81,19 @@ pub fn overlay(input: &OverlayInput) -> Photo {
         disc(&mut photo, keypoint.position, radius, DETECTED_COLOR);
     }
 
-    let mut entries = vec![("detected joints", DETECTED_COLOR)];
+    let mut entries = vec![("Detected joints", DETECTED_COLOR)];
     if input.target.is_some() {
-        entries.push(("target joints", TARGET_COLOR));
+        entries.push(("Target joints", TARGET_COLOR));
     }
     if silhouette.is_some() {
-        entries.push(("outline", CONTOUR_COLOR));
+        entries.push(("Outline", CONTOUR_COLOR));
     }
     if seeds.is_some() {
-        entries.push(("surely person", PERSON_TINT.0));
-        entries.push(("probably person", PROBABLE_PERSON_TINT.0));
-        entries.push(("probably background", PROBABLE_BACKGROUND_TINT.0));
+        entries.push(("Certainly person", PERSON_TINT.0));
+        entries.push(("Probably person", PROBABLE_PERSON_TINT.0));
+        entries.push(("Probably background", PROBABLE_BACKGROUND_TINT.0));
     }
-    legend(&mut photo, &entries, unit);
+    draw_legend(&mut photo, &entries, silhouette);
     photo
 }
 
@@ -111,28 +113,81 @@ fn draw_skeleton(
     stroke(photo, &lines, width, color);
 }
 
-/// Names what the colors mean, in the upper left corner; left out where the photo is too small for it
-fn legend(photo: &mut Photo, entries: &[(&str, Color)], unit: f64) {
-    let scale = (1.6 * unit).round().max(1.0) as usize;
-    let line = 11 * scale;
-    let sizes = entries
-        .iter()
-        .map(|(text, _)| canvas::text_size(text, scale));
-    let text_width = sizes.map(|size| size.0).max().unwrap_or(0);
-    let (swatch, margin) = (12 * scale, 4 * scale);
-    let width = text_width + swatch + 3 * margin;
-    let height = entries.len() * line + 2 * margin;
-    if width > photo.width() || height > photo.height() {
+/// Size of the legend's text, as a fraction of the longer side of the photo
+///
+/// The page shows overlays at 900 px: text of 17 px.
+const TEXT_SIZE: f64 = 0.019;
+
+/// Smaller text is not readable, in px
+const MIN_TEXT_PX: f64 = 9.0;
+
+/// The legend takes no more than this fraction of the columns and rows where the text need not be too small for it
+const LEGEND_EXTENT: (f64, f64) = (0.4, 0.3);
+
+/// Padding of the legend, in parts of the size of the text
+const PADDING: f64 = 0.6;
+
+const PANEL: Color = [16, 18, 22];
+const PANEL_OPACITY: f64 = 0.76;
+const PANEL_INK: Color = [240, 242, 244];
+
+/// Explains the colors in the corner that hides least of the person; left out where the photo is too small for it
+fn draw_legend(photo: &mut Photo, entries: &[(&str, Color)], silhouette: Option<&Windowed<f32>>) {
+    let photo_size = (photo.width(), photo.height());
+    let preferred = (TEXT_SIZE * photo_size.0.max(photo_size.1) as f64).max(MIN_TEXT_PX);
+    let (_, _, (width, height)) = set_legend(entries, preferred);
+    let shrink_to_extent = (LEGEND_EXTENT.0 * photo_size.0 as f64 / width as f64)
+        .min(LEGEND_EXTENT.1 * photo_size.1 as f64 / height as f64)
+        .min(1.0);
+    let text_px = (preferred * shrink_to_extent).max(MIN_TEXT_PX);
+    let (legend, mut lettering, size) = set_legend(entries, text_px);
+    if size.0 > photo_size.0 || size.1 > photo_size.1 {
         return;
     }
-    tint_box(photo, (0, 0), (width, height), [16, 18, 22], 0.72);
-    for (i, &(text, color)) in entries.iter().enumerate() {
-        let top = margin + i * line;
-        let bar = (margin, top + 2 * scale);
-        tint_box(photo, bar, (swatch, 4 * scale), color, 1.0);
-        let left = 2 * margin + swatch;
-        canvas::write(photo, (left, top), text, scale, [236, 238, 240]);
-    }
+    let (right, bottom) = (photo_size.0 - size.0, photo_size.1 - size.1);
+    let corners = [(0, 0), (right, 0), (0, bottom), (right, bottom)];
+    let hidden = |corner: &(usize, usize)| silhouette.map_or(0, |s| inside_count(s, *corner, size));
+    let Some(corner) = corners.into_iter().min_by_key(hidden) else {
+        return;
+    };
+    tint_box(photo, corner, size, PANEL, PANEL_OPACITY);
+    let padding = padding_px(&lettering);
+    let start = (corner.0 + padding, corner.1 + padding);
+    legend.draw(photo, start, &mut lettering, PANEL_INK);
+}
+
+/// A legend of one entry per line, its lettering, and the size of its panel
+fn set_legend(entries: &[(&str, Color)], text_px: f64) -> (Legend, Lettering, (usize, usize)) {
+    let mut lettering = Lettering::new(text_px);
+    let lines = entries
+        .iter()
+        .map(|&(text, color)| vec![Entry::swatch(color, text)]);
+    let legend = Legend::new(lines.collect(), &mut lettering, usize::MAX);
+    let padding = padding_px(&lettering);
+    let size = (legend.size.0 + 2 * padding, legend.size.1 + 2 * padding);
+    (legend, lettering, size)
+}
+
+fn padding_px(lettering: &Lettering) -> usize {
+    (PADDING * lettering.size_px()).ceil() as usize
+}
+
+/// Pixels of a box that the silhouette covers, counted on every fourth row
+fn inside_count(
+    silhouette: &Windowed<f32>,
+    (left, top): (usize, usize),
+    (width, height): (usize, usize),
+) -> usize {
+    let (window, (x0, y0)) = (silhouette.window(), silhouette.corner());
+    let start = left.saturating_sub(x0).min(window.width());
+    let end = (left + width).saturating_sub(x0).min(window.width());
+    let rows = top.saturating_sub(y0)..(top + height).saturating_sub(y0).min(window.height());
+    rows.step_by(4)
+        .map(|y| {
+            let row = &window.row(y)[start..end];
+            row.iter().filter(|&&coverage| coverage >= 0.5).count()
+        })
+        .sum()
 }
 
 #[cfg(test)]
@@ -184,7 +239,32 @@ mod tests {
         assert!(outline[0] > 180 && outline[2] < 100, "{outline:?}");
         let seeded = drawn[(210, 310)];
         assert!(seeded[1] > seeded[0] && seeded[1] > seeded[2], "{seeded:?}");
-        assert_eq!(drawn[(230, 200)], [100; 3], "elsewhere the photo stays");
+        assert_eq!(
+            drawn[(230, 200)],
+            [100; 3],
+            "the rest of the photo is unchanged"
+        );
+    }
+
+    #[test]
+    fn the_legend_avoids_the_person_and_fits_small_photos() {
+        let detected = keypoints(&[]);
+        for (width, height) in [(200, 250), (250, 200), (800, 1000)] {
+            let photo = Photo::filled(width, height, [100; 3]);
+            let upper_left = |x: usize, y: usize| x < width * 3 / 5 && y < height * 3 / 4;
+            let silhouette =
+                Grid::from_fn(width, height, |x, y| f32::from(u8::from(upper_left(x, y))));
+            let drawn = overlay(&OverlayInput {
+                photo: &photo,
+                seeds: None,
+                silhouette: Some(&Windowed::new(&silhouette)),
+                detected: &detected,
+                target: None,
+            });
+            assert_eq!(drawn[(2, 2)], [100; 3]);
+            let panel = drawn[(width - 1, 0)];
+            assert!(panel[0] < 50, "{panel:?} in {width}x{height}");
+        }
     }
 
     #[test]

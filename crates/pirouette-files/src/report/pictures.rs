@@ -178,7 +178,7 @@ pub(crate) fn draw_residuals(
                 color.map(|v| render::linear_from_srgb(f32::from(v) / 255.0))
             })
             .collect();
-        for (label, degrees) in [("front", 0.0), ("back", 180.0)] {
+        for (label, degrees) in [("Front", 0.0), ("Back", 180.0)] {
             let turn = TurnAngle::from_degrees(degrees);
             let positions = turned(&fit.avatar.mesh.positions, turn);
             let camera = skeleton.camera.scaled(SEEN_SCALE);

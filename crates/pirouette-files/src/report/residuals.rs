@@ -1,4 +1,4 @@
-//! How well the fitted body explains each photo, and how many photos tell of each part of it.
+//! The residual sheet: the distance of each outline from the fitted body, and the number of views that see each vertex.
 
 use glam::DVec2;
 use pirouette_geom::contour::trace_windowed;
@@ -6,13 +6,13 @@ use pirouette_geom::distance_map::{bilinear, signed_distance_within};
 use pirouette_geom::{Grid, Mask, Windowed};
 use rayon::prelude::*;
 
-use super::canvas::{
-    self, Color, Crop, PixelBox, Tint, mix, paste, shrink, sized_box, stroke, tint_box,
-};
+use super::canvas::{Color, Crop, PixelBox, Tint, mix, paste, shrink, sized_box, stroke};
+use super::font::Lettering;
+use super::labels::{Entry, Legend, Mark, title};
 use pirouette::scan::Photo;
 use pirouette_body::TurnAngle;
 
-/// A view whose silhouette is held against the fitted body's
+/// A view whose silhouette is compared with that of the fitted body
 #[derive(Debug, Clone, Copy)]
 pub struct ResidualView<'a> {
     /// Name of the view
@@ -23,7 +23,7 @@ pub struct ResidualView<'a> {
     pub photo: &'a Photo,
     /// Soft silhouette in the photo
     pub silhouette: &'a Windowed<f32>,
-    /// The same, inside from one half on
+    /// The same, inside from a coverage of one half
     pub mask: &'a Mask,
     /// Silhouette of the fitted body in the pose of this view
     pub body: &'a Mask,
@@ -34,29 +34,34 @@ pub struct ResidualView<'a> {
 /// The body, each vertex in [`count_color`] of the views that see it
 #[derive(Debug, Clone, Copy)]
 pub struct SeenBody<'a> {
-    /// From where it is seen
+    /// The side that it shows
     pub label: &'a str,
-    /// Picture by the camera of the views
+    /// Rendering by the camera of the views
     pub picture: &'a Photo,
-    /// Silhouette of the body in it
+    /// Silhouette of the body in that rendering
     pub silhouette: &'a Mask,
 }
 
 const TILE_HEIGHT_PX: usize = 480;
 const TILES_PER_BAND: usize = 5;
 const GAP_PX: usize = 6;
-const TEXT_SCALE: usize = 2;
 
-/// Width of the outlines in the tiles, in px, without the dark rim that sets them off
+/// Size of the text, in px
+const TEXT_PX: f64 = 18.0;
+
+/// Sheets of few tiles are no narrower than this, in px: the legend needs the room
+const MIN_WIDTH_PX: usize = 640;
+
+/// Width of the outlines in the tiles, in px, without and with their dark border
 const LINE_PX: f64 = 2.4;
-const RIM_PX: f64 = 4.4;
+const BORDER_PX: f64 = 4.4;
 
-/// Distances from this on have the full color, in mm
+/// Distance from which outlines have the full color, in mm
 ///
-/// Several times what a good fit leaves (2 to 3 mm), so that its outlines are pale and all else is not.
+/// Several times the residual of a good fit (2 to 3 mm), so that only larger ones are in strong colors.
 const FULL_COLOR_MM: f64 = 15.0;
 
-/// Steps of color between none and full
+/// Steps between white and the full color
 const COLOR_STEPS: i32 = 10;
 
 const PAPER: Color = [250, 250, 250];
@@ -69,16 +74,17 @@ const OUTSIDE: Color = [255, 50, 35];
 /// Larger distances, in px, count as this one
 const FAR_PX: f32 = 20.0;
 
-/// Pixels around silhouette and body that their distances are asked for at
+/// Margin around silhouette and body within which distances are sampled, in px
 const MARGIN_PX: usize = 3;
 
-/// What is left of a photo's light below the outlines
+/// Brightness of a photo below the outlines, as a fraction
 const DIMMED: f64 = 0.45;
 
-/// Draws, for each view, the photo's outline colored by its distance from the body's, then the bodies
+/// Draws, for each view, the outline in the photo colored by its distance from that of the fitted body, then the bodies
 ///
-/// White is on the body's outline, blue inside of it (the body is too large there), red outside. Distances are taken to
-/// the body's pixels, so they are good to half a pixel. `view_count` is the largest count in the bodies' legend.
+/// White is on the outline of the body, blue inside of it (the body is too large there), red outside. Distances are
+/// measured to pixels of the body, so they are accurate to half a pixel. `view_count` is the largest count in the legend
+/// of the bodies.
 pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: usize) -> Photo {
     let masks = views.iter().flat_map(|view| [view.mask, view.body]);
     let masks = masks.chain(bodies.iter().map(|body| body.silhouette));
@@ -88,39 +94,43 @@ pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: u
         sizes.chain(bodies.iter().map(|b| b.picture)),
         TILE_HEIGHT_PX,
     );
-    let line = canvas::text_size("", TEXT_SCALE).1 + GAP_PX;
+    let mut lettering = Lettering::new(TEXT_PX);
+    let line = lettering.line_px() + GAP_PX / 2;
     let columns = (views.len() + bodies.len()).clamp(1, TILES_PER_BAND);
     let bands = (views.len() + bodies.len()).div_ceil(TILES_PER_BAND).max(1);
     let band_height = line + TILE_HEIGHT_PX + GAP_PX;
-    let width = GAP_PX + columns * (tile_width + GAP_PX);
-    let legends = legend_size(view_count);
-    let height = GAP_PX + bands * band_height + legends.1;
-    let mut sheet = Photo::filled(width.max(legends.0), height, PAPER);
+    let width = (GAP_PX + columns * (tile_width + GAP_PX)).max(MIN_WIDTH_PX);
+    let legend = Legend::new(
+        legend_entries(view_count),
+        &mut lettering,
+        width - 2 * GAP_PX,
+    );
+    let height = bands * band_height + legend.size.1 + 3 * GAP_PX;
+    let mut sheet = Photo::filled(width, height, PAPER);
 
     let tiles: Vec<_> = views
         .par_iter()
         .map(|view| {
             let (tile, mean_mm) = tile(view, crop, tile_width);
-            let title = format!("{} {:.0}°", view.name, view.turn.degrees());
-            (tile, title, mean_mm.map(|mm| format!("{mm:.1} mm")))
+            let mean = mean_mm.map_or(String::new(), |mm| format!("  {mm:.1} mm"));
+            let note = format!("{:.0}°{mean}", view.turn.degrees());
+            (tile, view.name, note)
         })
         .collect();
     let seen = bodies.iter().map(|body| {
         let tile = shrink(body.picture, crop, tile_width, TILE_HEIGHT_PX);
-        (tile, body.label.to_owned(), None)
+        (tile, body.label, String::new())
     });
-    for (place, (tile, title, note)) in tiles.into_iter().chain(seen).enumerate() {
+    for (place, (tile, name, note)) in tiles.into_iter().chain(seen).enumerate() {
         let left = GAP_PX + place % TILES_PER_BAND * (tile_width + GAP_PX);
         let top = GAP_PX + place / TILES_PER_BAND * band_height;
-        canvas::write(&mut sheet, (left, top), &title, TEXT_SCALE, INK);
-        let after = left + canvas::text_size(&title, TEXT_SCALE).0 + 5 * TEXT_SCALE;
-        if let Some(note) = note {
-            canvas::write(&mut sheet, (after, top), &note, TEXT_SCALE, PALE_INK);
-        }
+        let (name, note) = ((name, INK), (note.as_str(), PALE_INK));
+        let corner = (left, top);
+        title(&mut sheet, corner, tile_width, &mut lettering, name, note);
         paste(&mut sheet, &tile, (left, top + line));
     }
-    let top = GAP_PX + bands * band_height;
-    draw_legends(&mut sheet, top, view_count);
+    let corner = (GAP_PX, bands * band_height + GAP_PX);
+    legend.draw(&mut sheet, corner, &mut lettering, INK);
     sheet
 }
 
@@ -136,19 +146,19 @@ fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f6
         view.silhouette.height() as f64,
     );
     let tile_from_photo = |p: DVec2| {
-        let part = p / size - DVec2::new(crop.left, crop.top);
-        let wide = DVec2::new(crop.right - crop.left, crop.bottom - crop.top);
-        part / wide * DVec2::new(tile_width as f64, TILE_HEIGHT_PX as f64)
+        let offset = p / size - DVec2::new(crop.left, crop.top);
+        let extent = DVec2::new(crop.right - crop.left, crop.bottom - crop.top);
+        offset / extent * DVec2::new(tile_width as f64, TILE_HEIGHT_PX as f64)
     };
-    // All else is far from both.
+    // Pixels outside of both boxes are far from both outlines.
     let boxes = [view.mask, view.body].into_iter();
     let boxes = boxes.filter_map(|mask| mask.bounding_box());
     let (x0, y0, x1, y1) = boxes
         .reduce(|a, b| (a.0.min(b.0), a.1.min(b.1), a.2.max(b.2), a.3.max(b.3)))
         .unwrap_or_default();
     let (x0, y0) = (x0.saturating_sub(MARGIN_PX), y0.saturating_sub(MARGIN_PX));
-    let part = (x0, y0, x1 + MARGIN_PX, y1 + MARGIN_PX);
-    let distance_px = signed_distance_within(&part_of(view.body, part), FAR_PX);
+    let pixels = (x0, y0, x1 + MARGIN_PX, y1 + MARGIN_PX);
+    let distance_px = signed_distance_within(&cropped(view.body, pixels), FAR_PX);
     let distance_px = distance_px.map(|d| d.clamp(-FAR_PX, FAR_PX));
     let corner = DVec2::new(x0 as f64, y0 as f64);
     let mut steps = vec![Vec::new(); 2 * COLOR_STEPS as usize + 1];
@@ -168,7 +178,7 @@ fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f6
             total += (b - a).length();
         }
     }
-    stroke(&mut tile, &all, RIM_PX, DARK);
+    stroke(&mut tile, &all, BORDER_PX, DARK);
     for (step, lines) in steps.iter().enumerate() {
         let color = step_color(step as i32 - COLOR_STEPS);
         stroke(&mut tile, lines, LINE_PX, color);
@@ -177,8 +187,8 @@ fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f6
     (tile, mean_mm.is_finite().then_some(mean_mm))
 }
 
-/// The pixels of a box, as far as the grid reaches
-fn part_of<T: Clone>(grid: &Grid<T>, (x0, y0, x1, y1): PixelBox) -> Grid<T> {
+/// The pixels of a box, clipped to the grid
+fn cropped<T: Clone>(grid: &Grid<T>, (x0, y0, x1, y1): PixelBox) -> Grid<T> {
     let (x1, y1) = (x1.min(grid.width()), y1.min(grid.height()));
     let (x0, y0) = (x0.min(x1), y0.min(y1));
     grid.crop(x0, y0, x1 - x0, y1 - y0)
@@ -188,13 +198,13 @@ fn part_of<T: Clone>(grid: &Grid<T>, (x0, y0, x1, y1): PixelBox) -> Grid<T> {
 fn step_color(step: i32) -> Color {
     let mut color = [255; 3];
     let full = if step < 0 { INSIDE } else { OUTSIDE };
-    // Small distances are to show, too.
+    // The exponent keeps small distances visible.
     let share = f64::from(step.abs()) / f64::from(COLOR_STEPS);
     mix(&mut color, full, share.powf(0.8));
     color
 }
 
-/// Color of a place that so many views see: dark for none, then from purple over green to yellow
+/// Color of a vertex by the number of views that see it: dark for none, then from purple over green to yellow
 pub fn count_color(count: usize) -> [u8; 3] {
     const COLORS: [Color; 6] = [
         [45, 45, 48],
@@ -207,64 +217,34 @@ pub fn count_color(count: usize) -> [u8; 3] {
     COLORS[count.min(COLORS.len() - 1)]
 }
 
-/// Counts from this on look alike
+/// Counts from this on have the same color
 const LAST_COUNT: usize = 5;
 
-const TEXTS: [&str; 2] = [
-    "outline in the photo: blue inside of the fitted body, red outside (mean distance above)",
-    "views that see a place",
-];
-
-fn legend_size(view_count: usize) -> (usize, usize) {
-    let wide = |text: &str| canvas::text_size(text, TEXT_SCALE).0;
-    let bar = BAR_WIDTH_PX + wide("-15 mm +15 mm") + 8 * GAP_PX;
-    let counts = (view_count.min(LAST_COUNT) + 1) * (SWATCH_PX + wide("5+") + 4 * GAP_PX);
-    let width = (bar + wide(TEXTS[0])).max(counts + wide(TEXTS[1]));
-    (width, 2 * line_px() + GAP_PX)
-}
-
-fn line_px() -> usize {
-    canvas::text_size("", TEXT_SCALE).1 + GAP_PX
-}
-
-const BAR_WIDTH_PX: usize = 210;
-const SWATCH_PX: usize = 14;
-
 /// The scale of distances, and below it that of counts
-fn draw_legends(sheet: &mut Photo, top: usize, view_count: usize) {
-    let wide = |text: &str| canvas::text_size(text, TEXT_SCALE).0;
-    let mut left = GAP_PX;
-    let write = |sheet: &mut Photo, at: (usize, usize), text: &str| {
-        canvas::write(sheet, at, text, TEXT_SCALE, INK);
-        at.0 + wide(text) + GAP_PX
+fn legend_entries(view_count: usize) -> Vec<Vec<Entry>> {
+    let steps = -COLOR_STEPS..=COLOR_STEPS;
+    let distances = Entry {
+        mark: Mark::Bar(steps.map(step_color).collect()),
+        text: format!("−{FULL_COLOR_MM:.0} mm to +{FULL_COLOR_MM:.0} mm"),
     };
-    left = write(sheet, (left, top), &format!("-{FULL_COLOR_MM:.0} mm"));
-    let step_count = 2 * COLOR_STEPS as usize + 1;
-    let step_width = BAR_WIDTH_PX / step_count;
-    tint_box(
-        sheet,
-        (left - 1, top - 1),
-        (step_count * step_width + 2, SWATCH_PX + 2),
-        DARK,
-        1.0,
-    );
-    for step in 0..step_count {
-        let color = step_color(step as i32 - COLOR_STEPS);
-        let corner = (left + step * step_width, top);
-        tint_box(sheet, corner, (step_width, SWATCH_PX), color, 1.0);
-    }
-    left += step_count * step_width + GAP_PX;
-    left = write(sheet, (left, top), &format!("+{FULL_COLOR_MM:.0} mm"));
-    write(sheet, (left + 2 * GAP_PX, top), TEXTS[0]);
-    let (mut left, top) = (GAP_PX, top + line_px());
-    for count in 0..=view_count.min(LAST_COUNT) {
-        let color = count_color(count);
-        tint_box(sheet, (left, top), (SWATCH_PX, SWATCH_PX), color, 1.0);
-        let more = count == LAST_COUNT && view_count > LAST_COUNT;
-        let text = format!("{count}{}", if more { "+" } else { "" });
-        left = write(sheet, (left + SWATCH_PX + GAP_PX, top), &text) + 2 * GAP_PX;
-    }
-    write(sheet, (left, top), TEXTS[1]);
+    let mut counts: Vec<Entry> = (0..=view_count.min(LAST_COUNT))
+        .map(|count| {
+            let more = count == LAST_COUNT && view_count > LAST_COUNT;
+            let text = format!("{count}{}", if more { "+" } else { "" });
+            Entry::swatch(count_color(count), &text)
+        })
+        .collect();
+    counts.push(Entry::plain(
+        "number of views that see a point of the surface",
+    ));
+    vec![
+        vec![
+            distances,
+            Entry::plain("outline of the photo: inside (blue) or outside (red) of the fitted body"),
+            Entry::plain("above each view: mean absolute distance"),
+        ],
+        counts,
+    ]
 }
 
 #[cfg(test)]
@@ -297,7 +277,7 @@ mod tests {
             body: &upright(body_left).threshold(0.5),
             mm_per_px: 2.0,
         };
-        let (tile, mean_mm) = tile(&view, Crop::WHOLE, 240);
+        let (tile, mean_mm) = tile(&view, Crop::FULL, 240);
         let blue = count(&tile, |r, b| b > r + 60);
         let red = count(&tile, |r, b| r > b + 60);
         (blue, red, mean_mm)
@@ -331,7 +311,7 @@ mod tests {
             mm_per_px: 2.0,
         };
         let seen = SeenBody {
-            label: "front",
+            label: "Front",
             picture: &photo,
             silhouette: &body,
         };
