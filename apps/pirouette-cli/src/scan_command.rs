@@ -214,8 +214,10 @@ impl Done {
             for (measure, measured) in measurements.iter() {
                 let value = match &measured.value_mm {
                     Ok(value_mm) => match measured.sd_mm.filter(|_| measurements.in_mm()) {
-                        Some(sd_mm) => format!("{} ± {sd_mm:.0}", measurements.told(*value_mm)),
-                        None => measurements.told(*value_mm),
+                        Some(sd_mm) => {
+                            format!("{} ± {sd_mm:.0}", measurements.format_length(*value_mm))
+                        }
+                        None => measurements.format_length(*value_mm),
                     },
                     Err(why) => format!("     -    {why}"),
                 };

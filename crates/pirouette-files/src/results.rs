@@ -439,7 +439,7 @@ fn skeleton_value(skeleton: &Skeleton, views: &[View]) -> Value {
             (scale.name().to_owned(), rounded(factor, 4))
         })
         .collect::<Map<_, _>>();
-    let mended = skeleton
+    let fixed = skeleton
         .swaps
         .iter()
         .map(|(view, limb)| json!({ "view": views[*view].name, "swapped_back": limb.name() }));
@@ -457,7 +457,7 @@ fn skeleton_value(skeleton: &Skeleton, views: &[View]) -> Value {
             "reversed": skeleton.turn_correction.reversed,
             "offset_deg": rounded(skeleton.turn_correction.offset.degrees(), 2),
         },
-        "mended": mended.collect::<Vec<_>>(),
+        "mended": fixed.collect::<Vec<_>>(),
         "outliers": outliers.collect::<Vec<_>>(),
     })
 }

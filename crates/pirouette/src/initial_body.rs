@@ -82,8 +82,8 @@ pub(crate) fn fit_views<'a>(
 ///
 /// The mass follows from the volume of a first rough fit, which hardly depends on where it starts. The sex is that of the
 /// mannequin whose unfitted surface, in its best poses, lies nearest to the outlines: on rendered women and men the wrong
-/// sex is 10 to 30 % farther off, while after four rounds of fitting the difference is 1 to 4 %. Both are told by sketches
-/// of mannequins. Where no mannequin has such a mass, it is one of usual mass.
+/// sex is 10 to 30 % farther off, while after four rounds of fitting the difference is 1 to 4 %. Coarse mannequins give
+/// both. Where no mannequin has such a mass, it is one of usual mass.
 ///
 /// # Errors
 /// When there is no mannequin of that stature at all.

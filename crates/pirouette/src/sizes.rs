@@ -225,7 +225,7 @@ fn normal_below(z: f64) -> f64 {
     if z > 0.0 { 1.0 - tail } else { tail }
 }
 
-/// What the charts for a person of this sex say; all charts when it was not told
+/// Recommends sizes by the charts for the sex of the person; by all charts where the sex is unknown
 pub fn advise_person(measurements: &Measurements, charts: &[Chart]) -> Vec<Advice> {
     let sex = measurements.subject.sex.and_then(ChartSex::of);
     let fits = |chart: &&Chart| sex.is_none() || chart.sex.is_none() || chart.sex == sex;

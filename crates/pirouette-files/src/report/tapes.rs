@@ -81,7 +81,7 @@ pub fn tape_sheet(body: &TriMesh, mesh: &SilhouetteMesh, measurements: &Measurem
     let entries = vec![
         Entry::swatch(TAPE_COLOR, "Tape"),
         Entry::swatch(HIDDEN_COLOR, "Tape on the far side of the body"),
-        Entry::plain("Labels of limbs belong to the left one."),
+        Entry::plain("Girths of limbs are the mean of left and right."),
     ];
     let legend = Legend::new(vec![entries], &mut lettering, width + LABEL_WIDTH_PX);
     let top = TITLE_HEIGHT_PX + height + (LEGEND_HEIGHT_PX - legend.size.1) / 2;
@@ -242,7 +242,7 @@ fn label(girth: Girth, measurements: &Measurements) -> Option<(String, String)> 
         .find(|m| m.girths().first() == Some(&girth))?;
     let value_mm = measurements.value_mm(measure)?;
     let name = measure.name().replace('_', " ");
-    Some((name, measurements.told(value_mm).trim().to_owned()))
+    Some((name, measurements.format_length(value_mm).trim().to_owned()))
 }
 
 #[cfg(test)]

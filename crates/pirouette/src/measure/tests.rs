@@ -504,9 +504,9 @@ fn what_cannot_be_had_is_null_with_the_reason() {
     });
     let order: Vec<Measure> = all.iter().map(|(measure, _)| measure).collect();
     assert_eq!(order, Measure::ALL);
-    let missing = |measure| all.get(measure).value_mm.err();
-    assert_eq!(missing(Measure::Stature), Some(Unavailable::NoBody));
-    assert!(missing(Measure::NeckGirth).is_some() && missing(Measure::WaistGirth).is_some());
+    let reason = |measure| all.get(measure).value_mm.err();
+    assert_eq!(reason(Measure::Stature), Some(Unavailable::NoBody));
+    assert!(reason(Measure::NeckGirth).is_some() && reason(Measure::WaistGirth).is_some());
 }
 
 #[test]

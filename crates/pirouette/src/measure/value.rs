@@ -188,7 +188,7 @@ pub struct Measurements {
     pub stature: Option<StatureFrom>,
     /// Height of the figure, in mm
     pub(super) height_mm: f64,
-    /// What the person told
+    /// Data given about the person
     pub subject: Subject,
     /// Volume and body mass, where there is a body and a scale
     pub mass: Option<BodyMass>,
@@ -218,13 +218,13 @@ impl Measurements {
             .map(|(measure, measured)| (*measure, measured))
     }
 
-    /// Whether the scale is known; else values are those of a person of assumed height, and files tell them in units of it
+    /// Whether the scale is known; else values are those of a person of assumed height, and files give them in units of it
     pub fn in_mm(&self) -> bool {
         self.stature.is_some()
     }
 
-    /// A value as it is told to people: in mm, or in units of the stature
-    pub fn told(&self, value_mm: f64) -> String {
+    /// Formats a length for people: in mm, or in units of the stature
+    pub fn format_length(&self, value_mm: f64) -> String {
         match self.unit() {
             LengthUnit::Millimeter => format!("{value_mm:6.0} mm"),
             unit => format!("{:6.4} of the stature", unit.convert(value_mm)),

@@ -93,11 +93,7 @@ impl<'a> Normalizer<'a> {
             refine: config.refine.then(RefineOptions::default),
             ..options
         };
-        // The published method knows the person's proportions from the photo alone.
-        let reference = report
-            .fit
-            .as_ref()
-            .map_or(&report.avatar, |fit| &fit.avatar);
+        let reference = report.normalization_reference();
         let mut normalizer = Self::with_options(report.person()?, reference, options);
         let TriMesh {
             positions,

@@ -7,7 +7,7 @@
 //! dominate; the poses are eliminated view by view (Schur complement), so that 72 views cost little more than
 //! their number. Starting from the reference pose suffices for people who try to hold it.
 //!
-//! Left and right mixed up by the detector are found and mended, other outliers are named. Hidden limbs are
+//! Left and right mixed up by the detector are found and fixed, other outliers are named. Hidden limbs are
 //! carried by the priors: keep in mind that their poses are guesses. The surface is only stretched along the
 //! bones, it says nothing about girths.
 
@@ -377,7 +377,7 @@ pub fn fit_skeleton(
     ))
 }
 
-/// Mends swaps and solves again, until there are none
+/// Fixes swaps and solves again, until there are none
 fn fix_all_swaps(
     problem: &mut Problem,
     solution: &mut Solution,
@@ -387,16 +387,16 @@ fn fix_all_swaps(
     for _ in 0..if options.fix_swaps { FIX_ROUNDS } else { 0 } {
         let shared = problem.shared(&solution.unknowns.shared);
         let mut unknowns = solution.unknowns.clone();
-        let mended = swaps::fix_swaps(problem, &shared, &mut unknowns);
-        if mended.is_empty() {
+        let fixed = swaps::fix_swaps(problem, &shared, &mut unknowns);
+        if fixed.is_empty() {
             break;
         }
-        swaps.extend(mended);
+        swaps.extend(fixed);
         *solution = solve(problem, unknowns, options.rounds);
     }
 }
 
-/// What was wrong with the input, and is no longer
+/// Corrections of the input
 struct Corrections {
     keypoints: Vec<Keypoints>,
     swaps: Vec<(usize, SwapGroup)>,
@@ -408,7 +408,7 @@ fn assemble(
     avatar: &Avatar,
     problem: &Problem,
     unknowns: &Unknowns,
-    mended: Corrections,
+    corrections: Corrections,
     mut warnings: Vec<SkeletonFitWarning>,
 ) -> (Skeleton, Vec<SkeletonView>) {
     let shared = problem.shared(&unknowns.shared);
@@ -468,7 +468,7 @@ fn assemble(
         });
     }
     let poses = final_poses(problem, &shared, unknowns);
-    let parts = problem.views.iter().zip(mended.keypoints).zip(poses);
+    let parts = problem.views.iter().zip(corrections.keypoints).zip(poses);
     let views = parts
         .map(|((view, keypoints), pose)| SkeletonView {
             turn: view.turn,
@@ -481,9 +481,9 @@ fn assemble(
         avatar: scaled,
         camera,
         posture: shared.posture,
-        turn_correction: mended.turn_correction,
+        turn_correction: corrections.turn_correction,
         scales: shared.scales,
-        swaps: mended.swaps,
+        swaps: corrections.swaps,
         outliers,
         rms_px: if count > 0 {
             (sum / count as f64).sqrt()

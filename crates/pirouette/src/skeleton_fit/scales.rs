@@ -262,8 +262,7 @@ pub(super) const MIDDLES: [(Joint, [Joint; 2]); 2] = [
 
 /// Stretches a figure along its bones
 ///
-/// Joints move, the surface follows by its skinning weights, vertices keep their order, so tape loops and
-/// landmarks hold. The result stands on y = 0 with the turning axis as far behind the hips as it was.
+/// Joints move, the surface follows by its skinning weights, vertices keep their order. The result stands on y = 0 with the turning axis as far behind the hips as it was.
 pub fn rescale_avatar(avatar: &Avatar, scales: &BoneScales) -> Avatar {
     let rest = &avatar.bone_heads;
     let matrices = Bone::ALL.map(|bone| Stretch::of(bone, rest).matrix(scales));

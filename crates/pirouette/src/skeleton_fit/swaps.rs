@@ -103,7 +103,7 @@ const SUSPICIOUS_ROTATION: f64 = 2.5;
 /// Logarithm of the likelihood ratio that a swap must gain
 ///
 /// A swap moves at least four coordinates; this is far beyond what noise gains, and far below the
-/// hundreds that a mended arm of a front view gains.
+/// hundreds that a fixed arm of a front view gains.
 const CLEAR_GAIN: f64 = 12.0;
 
 /// Rounds of the pose for each tried swap
@@ -112,21 +112,21 @@ const TRIAL_ROUNDS: usize = 8;
 /// A view has no more mixed-up limbs than this
 const MAX_SWAPS_PER_VIEW: usize = 3;
 
-/// Mends swapped limbs in the problem's views; returns which, and leaves the views' poses near their new solution
+/// Fixes swapped limbs in the problem's views; returns which, and leaves the views' poses near their new solution
 pub(super) fn fix_swaps(
     problem: &mut Problem,
     shared: &Shared,
     unknowns: &mut Unknowns,
 ) -> Vec<(usize, SwapGroup)> {
-    let fixed: &Problem = problem;
-    let mended: Vec<_> = fixed
+    let given: &Problem = problem;
+    let solved: Vec<_> = given
         .views
         .par_iter()
         .zip(&unknowns.poses)
-        .map(|(view, pose)| fix_view(fixed, view, shared, pose))
+        .map(|(view, pose)| fix_view(given, view, shared, pose))
         .collect();
     let mut swaps = Vec::new();
-    for (index, (limbs, pose)) in mended.into_iter().enumerate() {
+    for (index, (limbs, pose)) in solved.into_iter().enumerate() {
         unknowns.poses[index] = pose;
         for limb in limbs {
             limb.swap_observed(&mut problem.views[index]);
@@ -136,7 +136,7 @@ pub(super) fn fix_swaps(
     swaps
 }
 
-/// The swapped limbs of one view, and its pose once they are mended
+/// The swapped limbs of one view, and its pose once they are fixed
 fn fix_view(
     problem: &Problem,
     view: &ViewData,
@@ -146,11 +146,11 @@ fn fix_view(
     let (mut view, mut pose) = (view.clone(), *pose);
     let mut limbs = Vec::new();
     while limbs.len() < MAX_SWAPS_PER_VIEW {
-        let Some((limb, mended_pose)) = best_swap(problem, &view, shared, &pose) else {
+        let Some((limb, fixed_pose)) = best_swap(problem, &view, shared, &pose) else {
             break;
         };
         limb.swap_observed(&mut view);
-        pose = mended_pose;
+        pose = fixed_pose;
         limbs.push(limb);
     }
     (limbs, pose)

@@ -82,15 +82,15 @@ fn an_unknown_camera_is_estimated_and_said_so() {
     )
     .unwrap();
     let found = Solved { skeleton, views };
-    let told = |f: fn(&SkeletonFitWarning) -> bool| found.skeleton.warnings.iter().any(f);
-    assert!(told(
+    let has_warning = |f: fn(&SkeletonFitWarning) -> bool| found.skeleton.warnings.iter().any(f);
+    assert!(has_warning(
         |w| matches!(w, SkeletonFitWarning::StatureUnknown { assumed_mm } if (*assumed_mm - 1700.0).abs() < 1e-9)
     ));
-    assert!(told(|w| matches!(
+    assert!(has_warning(|w| matches!(
         w,
         SkeletonFitWarning::FieldOfViewUnknown { .. }
     )));
-    assert!(told(|w| matches!(
+    assert!(has_warning(|w| matches!(
         w,
         SkeletonFitWarning::CameraHeightUnknown { .. }
     )));
