@@ -40,6 +40,7 @@ fn whole(c: &mut Criterion) {
                 formats: &[MeshFormat::Ply],
                 page_title: None,
                 charts: &built_in_charts(),
+                exports: &[],
             };
             write_results(&results, &loaded, 0.0, &report, &options)
                 .expect("results can be written");

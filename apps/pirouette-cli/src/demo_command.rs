@@ -21,7 +21,7 @@ use crate::args::{DemoArgs, Pose};
 use crate::avatar_command::mannequin_sex;
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::scan_command::{config, scan_folder};
+use crate::scan_command::{config, json_line, scan_folder};
 
 /// Columns and rows of the photos
 const PHOTO_SIZE_PX: (usize, usize) = (800, 1000);
@@ -53,8 +53,9 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
         formats: &[MeshFormat::Ply, MeshFormat::Glb],
         page_title: args.report.then_some("a rendered person"),
         charts: &charts,
+        exports: &[],
     };
-    let done = scan_folder(&scan, &args.out, &config, None, &options, &progress, cancel);
+    let done = scan_folder(&scan, &args.out, &config, &options, &progress, cancel);
     progress.finish();
     let done = done?;
     let measured = done.report.measurements.as_ref();
@@ -63,7 +64,7 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
             .iter()
             .map(|(measure, value)| (measure.name().to_owned(), json!(value)))
             .collect();
-        let mut value = done.json(&args.out, &charts);
+        let mut value = json_line(&done, &args.out, &charts);
         value["truth_mm"] = Value::Object(truth);
         value
     })

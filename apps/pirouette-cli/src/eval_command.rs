@@ -191,13 +191,14 @@ fn eval_scans(
         formats: &[MeshFormat::Ply],
         page_title: None,
         charts: &charts,
+        exports: &[],
     };
     let folders = with_truth(&args.folders)?;
     let mut scores = Vec::new();
     for (index, folder) in folders.iter().enumerate() {
         let out = args.out.join(name_of(folder));
         if !args.keep {
-            scan_folder(folder, &out, &config, None, &results, progress, cancel)?;
+            scan_folder(folder, &out, &config, &results, progress, cancel)?;
         } else if !out.is_dir() {
             return Err(std::io::Error::from(std::io::ErrorKind::NotFound))
                 .with_context(|| format!("no results in {}", out.display()));

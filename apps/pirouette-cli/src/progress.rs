@@ -4,6 +4,7 @@ use std::io::IsTerminal;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pirouette::pipeline::Event;
+use pirouette_files::job::JobEvent;
 
 /// Shows what a running job tells
 #[derive(Debug)]
@@ -49,6 +50,23 @@ impl Progress {
             }
             (Progress::Lines, Event::StageStarted { .. } | Event::StepDone { .. }) => {}
             (_, Event::Warning(warning)) => self.say(&format!("warning: {warning}")),
+        }
+    }
+
+    /// Shows one event of a job
+    pub fn show_job(&self, event: &JobEvent) {
+        match event {
+            JobEvent::Pipeline(event) => self.show(event),
+            JobEvent::LoadWarning(warning) => self.say(&format!("warning: {warning}")),
+            JobEvent::ViewFailed(failed) => self.say(&format!("warning: {failed}")),
+            JobEvent::CardFound { view, card } => self.say(&format!(
+                "scale: the card in view {view}, tilted by {:.0} degrees, has {:.3} mm per px",
+                card.tilt_degrees, card.mm_per_px
+            )),
+            JobEvent::CardNotNeeded => {
+                self.say("warning: scan.json tells the stature; no card is looked for");
+            }
+            _ => {}
         }
     }
 

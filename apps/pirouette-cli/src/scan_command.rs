@@ -1,27 +1,25 @@
 //! `pirouette scan` and its stages.
 
 use std::path::Path;
-use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Error, Result};
 use pirouette::pipeline;
-use pirouette::pipeline::{AvatarSource, CancelToken, Config, Event, Goal, Report, Stage};
-use pirouette::scale::{scale_by_card, scale_by_pixels};
-use pirouette::scan::StatureFrom;
+use pirouette::pipeline::{AvatarSource, CancelToken, Config, Goal};
 use pirouette::sizes::{Advice, Chart, advise_person};
 use pirouette_files::formats::charts::{built_in_charts, parse_charts};
-use pirouette_files::formats::export::{ExportFormat, write_exports};
+use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
-use pirouette_files::report::json::measurements_json;
-use pirouette_files::results::{ResultOptions, result_value, write_results};
-use pirouette_files::scan_folder::{LoadOptions, LoadedScan, load_scan};
+use pirouette_files::job::{FinishedJob, JobError, ScaleSource, run_job};
+use pirouette_files::results::ResultOptions;
+use pirouette_files::scan_folder::open_source;
+use pirouette_files::source::Source;
 use serde_json::{Value, json};
 
-use crate::args::{Method, MethodArgs, ScaleSource, ScanArgs};
+use crate::args::{Method, MethodArgs, ScanArgs};
 use crate::output::Output;
 use crate::progress::Progress;
 
-/// Scans a folder up to a goal and writes the results
+/// Scans a folder or a zip file up to a goal and writes the results
 pub fn run(
     args: &ScanArgs,
     goal: Goal,
@@ -32,25 +30,56 @@ pub fn run(
     let progress = Progress::new(quiet);
     let config = config(&args.method, goal)?;
     let formats: Vec<MeshFormat> = args.format.iter().map(|format| format.of_mesh()).collect();
-    let title = title(&args.scan);
+    let exports: Vec<ExportFormat> = args.export.iter().map(|e| e.of_file()).collect();
     let charts = charts(args.chart.as_deref())?;
+    let source = open_source(&args.scan)?;
+    let title = source.title();
     let options = ResultOptions {
         formats: &formats,
         page_title: args.report.then_some(title.as_str()),
         charts: &charts,
+        exports: &exports,
     };
-    let scale = args.scale;
-    let done = scan_folder(
-        &args.scan, &args.out, &config, scale, &options, &progress, cancel,
-    );
+    let scale = args.scale.map(|source| source.of_job());
+    let job = || scan_source(source, &config, scale, &progress, cancel);
+    let done = job().and_then(|done| Ok(done.write(&args.out, &options).map(|()| done)?));
     progress.finish();
     let done = done?;
-    if let Some(measurements) = &done.report.measurements {
-        let exports: Vec<ExportFormat> = args.export.iter().map(|e| e.of_file()).collect();
-        write_exports(&args.out, measurements, &exports)?;
-    }
-    output.done(&done.summary(&args.out, &charts), || {
-        done.json(&args.out, &charts)
+    output.done(&summary(&done, &args.out, &charts), || {
+        json_line(&done, &args.out, &charts)
+    })
+}
+
+/// Scans a folder or a zip file by its own scale and writes the results
+pub fn scan_folder(
+    scan: &Path,
+    out: &Path,
+    config: &Config,
+    results: &ResultOptions,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<FinishedJob> {
+    let done = scan_source(open_source(scan)?, config, None, progress, cancel)?;
+    done.write(out, results)?;
+    Ok(done)
+}
+
+/// Scans with progress; errors name the scan or the switch that they come from
+fn scan_source(
+    source: Source,
+    config: &Config,
+    scale: Option<ScaleSource>,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<FinishedJob> {
+    let scan = source.path();
+    let done = run_job(source, config, scale, cancel, &mut |event| {
+        progress.show_job(&event);
+    });
+    done.map_err(|error| match error {
+        JobError::Card(error) => Error::new(error).context("--scale card"),
+        JobError::Pipeline(error) => Error::new(error).context(scan.display().to_string()),
+        error => error.into(),
     })
 }
 
@@ -73,98 +102,6 @@ pub fn config(args: &MethodArgs, goal: Goal) -> Result<Config> {
     Ok(config)
 }
 
-/// What a scan is called: the name of its folder
-fn title(scan: &Path) -> String {
-    let full = scan.canonicalize().unwrap_or_else(|_| scan.to_owned());
-    let name = full.file_name().unwrap_or(full.as_os_str());
-    name.to_string_lossy().into_owned()
-}
-
-/// A finished job
-pub struct Done {
-    pub loaded: LoadedScan,
-    pub load_seconds: f64,
-    pub report: Report,
-}
-
-/// Loads a scan, does the job, writes the results
-pub fn scan_folder(
-    scan: &Path,
-    out: &Path,
-    config: &Config,
-    scale: Option<ScaleSource>,
-    results: &ResultOptions,
-    progress: &Progress,
-    cancel: &CancelToken,
-) -> Result<Done> {
-    let start = Instant::now();
-    let options = LoadOptions {
-        // Silhouettes of photos of all kinds are fine; only a body needs one camera.
-        one_shape: config.goal > Goal::Segment,
-        ..LoadOptions::default()
-    };
-    let mut loaded = load_scan(scan, &options)?;
-    if config.goal > Goal::Segment {
-        find_scale(&mut loaded, scale, progress)?;
-    }
-    let load_seconds = start.elapsed().as_secs_f64();
-    progress.show(&Event::StageDone {
-        stage: Stage::Load,
-        seconds: load_seconds,
-    });
-    for warning in &loaded.warnings {
-        progress.say(&format!("warning: {warning}"));
-    }
-    for failed in &loaded.failed {
-        progress.say(&format!(
-            "warning: view {} is left out (load): {}",
-            failed.view, failed.reason
-        ));
-    }
-    let config = Config {
-        given_view_count: Some(loaded.scan.views.len() + loaded.failed.len()),
-        ..config.clone()
-    };
-    let report = pipeline::run(&loaded.scan, &config, cancel, &mut |event| {
-        progress.show(&event);
-    })
-    .with_context(|| scan.display().to_string())?;
-    write_results(out, &loaded, load_seconds, &report, results)?;
-    Ok(Done {
-        loaded,
-        load_seconds,
-        report,
-    })
-}
-
-/// Finds the scale where the stature was not told
-fn find_scale(
-    loaded: &mut LoadedScan,
-    source: Option<ScaleSource>,
-    progress: &Progress,
-) -> Result<()> {
-    let scan = &mut loaded.scan;
-    if scan.stature_mm.is_some() {
-        if source.is_some() {
-            progress.say("warning: scan.json tells the stature; no card is looked for");
-        }
-        return Ok(());
-    }
-    if let Some(ScaleSource::Card) = source {
-        let (view, card) = scale_by_card(scan).context("--scale card")?;
-        progress.say(&format!(
-            "scale: the card in view {view}, tilted by {:.0} degrees, has {:.3} mm per px",
-            card.tilt_degrees, card.mm_per_px
-        ));
-    } else if let (Some(mm_per_px), Some(view)) = (scan.mm_per_px, scan.views.first()) {
-        // Large photos were shrunk.
-        let shrunk = view.input_size_px.1 as f64 / view.photo.height() as f64;
-        scale_by_pixels(scan, mm_per_px * shrunk, StatureFrom::PixelSize)
-            .context("camera.mm_per_px")?;
-    }
-    Ok(())
-}
-
 /// The charts of a file, or those that come with the program
 pub fn charts(file: Option<&Path>) -> Result<Vec<Chart>> {
     let Some(file) = file else {
@@ -184,59 +121,49 @@ pub fn size_lines(advice: &[Advice]) -> String {
     lines.join("\n")
 }
 
-impl Done {
-    /// One machine-readable line
-    pub fn json(&self, out: &Path, charts: &[Chart]) -> Value {
-        let mut value = json!({ "ok": true, "out": out });
-        let result = result_value(&self.loaded, self.load_seconds, &self.report);
-        let measurements = self.report.measurements.as_ref();
-        for part in [
-            Some(result),
-            measurements.map(|m| measurements_json(m, &advise_person(m, charts))),
-        ] {
-            if let Some(Value::Object(part)) = part {
-                for (key, entry) in part {
-                    value[key] = entry;
-                }
-            }
-        }
-        value
+/// One machine-readable line
+pub fn json_line(done: &FinishedJob, out: &Path, charts: &[Chart]) -> Value {
+    let mut value = json!({ "ok": true, "out": out });
+    if let (Value::Object(value), Value::Object(found)) = (&mut value, done.to_json(charts)) {
+        value.extend(found);
     }
+    value
+}
 
-    fn summary(&self, out: &Path, charts: &[Chart]) -> String {
-        let given = self.loaded.scan.views.len() + self.loaded.failed.len();
-        let mut text = format!(
-            "{}: {} of {given} views",
-            out.display(),
-            self.report.views.len()
-        );
-        if let Some(measurements) = &self.report.measurements {
-            for (measure, measured) in measurements.iter() {
-                let value = match &measured.value_mm {
-                    Ok(value_mm) => match measured.sd_mm.filter(|_| measurements.in_mm()) {
-                        Some(sd_mm) => {
-                            format!("{} ± {sd_mm:.0}", measurements.format_length(*value_mm))
-                        }
-                        None => measurements.format_length(*value_mm),
-                    },
-                    Err(why) => format!("     -    {why}"),
-                };
-                text.push_str(&format!(
-                    "\n{:<18}{value}",
-                    measure.name().replace('_', " ")
-                ));
-            }
-            if let Some(mass) = &measurements.mass {
-                text.push_str(&format!(
-                    "\n{:<18}{:6.1} l\n{:<18}{:6.1} kg ± {:.1}",
-                    "volume", mass.volume_l, "body mass", mass.mass_kg, mass.mass_sd_kg
-                ));
-            }
-            if measurements.in_mm() && measurements.subject.sex.is_some() {
-                text.push('\n');
-                text.push_str(&size_lines(&advise_person(measurements, charts)));
-            }
+/// The measurements as people read them
+fn summary(done: &FinishedJob, out: &Path, charts: &[Chart]) -> String {
+    let given = done.loaded.given_view_count();
+    let mut text = format!(
+        "{}: {} of {given} views",
+        out.display(),
+        done.report.views.len()
+    );
+    if let Some(measurements) = &done.report.measurements {
+        for (measure, measured) in measurements.iter() {
+            let value = match &measured.value_mm {
+                Ok(value_mm) => match measured.sd_mm.filter(|_| measurements.in_mm()) {
+                    Some(sd_mm) => {
+                        format!("{} ± {sd_mm:.0}", measurements.format_length(*value_mm))
+                    }
+                    None => measurements.format_length(*value_mm),
+                },
+                Err(why) => format!("     -    {why}"),
+            };
+            text.push_str(&format!(
+                "\n{:<18}{value}",
+                measure.name().replace('_', " ")
+            ));
         }
-        text
+        if let Some(mass) = &measurements.mass {
+            text.push_str(&format!(
+                "\n{:<18}{:6.1} l\n{:<18}{:6.1} kg ± {:.1}",
+                "volume", mass.volume_l, "body mass", mass.mass_kg, mass.mass_sd_kg
+            ));
+        }
+        if measurements.in_mm() && measurements.subject.sex.is_some() {
+            text.push('\n');
+            text.push_str(&size_lines(&advise_person(measurements, charts)));
+        }
     }
+    text
 }

@@ -176,6 +176,26 @@ fn a_folder_that_is_none_is_named() {
 }
 
 #[test]
+fn a_zip_file_that_is_none_or_damaged_is_one_clear_error() {
+    let folders = Folders::with_views(3);
+    let whole = std::fs::read(folders.zip()).unwrap();
+    for (bytes, expected) in [
+        (&whole[..whole.len() / 2], "damaged zip file"),
+        (&b"no zip"[..], "neither a folder nor a zip file"),
+    ] {
+        let file = folders.write("anna.zip", bytes);
+        let error = common::pirouette(&["scan", common::text(&file)])
+            .exits_with(1)
+            .stderr();
+        assert_eq!(error.lines().count(), 1, "{error}");
+        assert!(
+            error.contains(expected) && error.contains("anna.zip"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
 fn paths_may_not_leave_the_scan_folder() {
     let folders = Folders::with_views(3);
     std::fs::copy(folders.path("scan/001.jpg"), folders.path("outside.jpg")).unwrap();

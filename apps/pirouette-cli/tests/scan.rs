@@ -5,7 +5,13 @@
 mod common;
 
 use common::{Folders, person, pirouette, text};
+use pirouette::pipeline::{CancelToken, Config, Goal, Method};
+use pirouette_files::formats::charts::built_in_charts;
+use pirouette_files::formats::export::ExportFormat;
+use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::formats::photo::decode_mask;
+use pirouette_files::job::run_job;
+use pirouette_files::results::ResultOptions;
 
 #[test]
 fn scan_writes_the_whole_result_folder() {
@@ -262,6 +268,39 @@ fn ends_the_job_cleanly(signal: &str) {
     assert_eq!(child.wait().unwrap().code(), Some(1), "{rest:?}");
     assert!(rest.last().unwrap().contains("cancelled"), "{rest:?}");
     assert!(!folders.out().exists());
+}
+
+#[test]
+fn a_zip_file_is_scanned_like_its_folder_and_like_memory() {
+    let folders = Folders::with_views(3);
+    folders
+        .run("scan", &["--quiet", "--export", "csv"])
+        .exits_with(0);
+    let (zip, out) = (folders.zip(), folders.path("from_zip"));
+    pirouette(&["scan", text(&zip), "-o", text(&out), "--export", "csv"]).exits_with(0);
+
+    let mut person = person().clone();
+    person.scan.views.truncate(3);
+    let files = pirouette_files::scan_folder::scan_files(&person.scan).unwrap();
+    let source = pirouette_files::source::Source::from_files("scan", files).unwrap();
+    let config = Config::new(Goal::Measure, Method::Fit);
+    let done = run_job(source, &config, None, &CancelToken::default(), &mut |_| {}).unwrap();
+    let options = ResultOptions {
+        formats: &[MeshFormat::Ply],
+        page_title: None,
+        charts: &built_in_charts(),
+        exports: &[ExportFormat::Csv],
+    };
+    let artifacts = done.artifacts(&options).unwrap();
+    assert!(artifacts.len() > 10);
+    for (name, bytes) in artifacts {
+        if name == "result.json" {
+            continue; // contains the seconds of each stage
+        }
+        assert!(bytes == std::fs::read(out.join(&name)).unwrap(), "{name}");
+        let from_folder = std::fs::read(folders.out().join(&name)).unwrap();
+        assert!(bytes == from_folder, "{name}");
+    }
 }
 
 #[test]

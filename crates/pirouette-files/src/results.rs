@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use thiserror::Error;
 
+use crate::formats::export::ExportFormat;
 use crate::formats::mesh::{BodyMesh, MeshFormat};
 use crate::formats::photo::{encode_jpeg, encode_mask, resample_mask, shrink};
 use crate::report::json::measurements_json;
@@ -21,7 +22,9 @@ use crate::report::page::{Page, PageView, write_page};
 use crate::report::pictures::{DrawnBody, draw_contact_sheet, draw_overlay, draw_residuals};
 use crate::report::tape_sheet;
 use crate::scan_folder::LoadedScan;
-use crate::sink::{Sink, WriteError, make_folder};
+#[cfg(feature = "folders")]
+use crate::sink::make_folder;
+use crate::sink::{Sink, WriteError};
 use crate::warning::Warning;
 use pirouette::normalize::{JointPositions, LimbRefinement, Registration};
 use pirouette::pipeline::{Goal, Method, Report};
@@ -71,12 +74,15 @@ pub struct ResultOptions<'a> {
     pub page_title: Option<&'a str>,
     /// Size charts; see [`pirouette::sizes`]
     pub charts: &'a [Chart],
+    /// Formats of the measurements for other programs
+    pub exports: &'a [ExportFormat],
 }
 
 /// Writes all that a report holds into a result folder
 ///
 /// # Errors
 /// When the folder cannot be written; files that were written before stay, none is partial.
+#[cfg(feature = "folders")]
 pub fn write_results(
     folder: &Path,
     loaded: &LoadedScan,
@@ -160,6 +166,9 @@ fn write_artifacts(
         let advice = advise_person(measurements, options.charts);
         let value = measurements_json(measurements, &advice);
         put_json(sink, "measurements.json", &value)?;
+        for format in options.exports {
+            sink.put(format.file_name(), format.write(measurements).into_bytes())?;
+        }
         if measurements.in_mm() {
             let advice = advice.into_iter();
             sizes = advice.map(|a| (a.chart, a.verdict)).collect();
@@ -249,7 +258,7 @@ fn page<'a>(
     overlays: Vec<Vec<u8>>,
 ) -> Page<'a> {
     let scan = &loaded.scan;
-    let given_count = scan.views.len() + loaded.failed.len();
+    let given_count = loaded.given_view_count();
     let mut facts = vec![
         ("views", format!("{} of {given_count}", report.views.len())),
         ("method", method_name(report.method).to_owned()),
@@ -259,7 +268,7 @@ fn page<'a>(
         facts.push(("stature as given", format!("{stature_mm:.0} mm")));
     }
     let failed = loaded.failed.iter();
-    let failed = failed.map(|f| format!("view {} is left out (load): {}", f.view, f.reason));
+    let failed = failed.map(ToString::to_string);
     let warnings = all_warnings(loaded, report).map(|warning| warning.to_string());
     let views = report.views.iter().zip(overlays);
     let seconds = report.seconds.iter();

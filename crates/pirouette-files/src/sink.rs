@@ -2,9 +2,14 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+#[cfg(feature = "folders")]
 use std::fs;
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::io;
+#[cfg(feature = "folders")]
+use std::io::Write;
+#[cfg(feature = "folders")]
+use std::path::Path;
+use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use thiserror::Error;
@@ -42,6 +47,7 @@ pub enum WriteError {
 #[derive(Debug)]
 pub enum Sink {
     /// Files in a folder; folders within are made as needed
+    #[cfg(feature = "folders")]
     Folder(PathBuf),
     /// Entries in memory
     Memory(Mutex<BTreeMap<String, Vec<u8>>>),
@@ -60,6 +66,7 @@ impl Sink {
     pub fn put<'a>(&self, name: &str, bytes: impl Into<Cow<'a, [u8]>>) -> Result<(), WriteError> {
         let bytes = bytes.into();
         match self {
+            #[cfg(feature = "folders")]
             Self::Folder(_) => {
                 let file = self.path(name);
                 make_folder(file.parent().unwrap_or(Path::new(".")))?;
@@ -76,6 +83,7 @@ impl Sink {
     /// The path of an artifact, for messages
     pub fn path(&self, name: &str) -> PathBuf {
         match self {
+            #[cfg(feature = "folders")]
             Self::Folder(folder) => folder.join(name),
             Self::Memory(_) => PathBuf::from(name),
         }
@@ -84,6 +92,7 @@ impl Sink {
     /// The artifacts in memory by name; none of a folder
     pub fn into_artifacts(self) -> BTreeMap<String, Vec<u8>> {
         match self {
+            #[cfg(feature = "folders")]
             Self::Folder(_) => BTreeMap::new(),
             Self::Memory(entries) => entries.into_inner().unwrap_or_else(PoisonError::into_inner),
         }
@@ -108,6 +117,7 @@ fn remedy(error: &io::Error) -> &'static str {
 ///
 /// # Errors
 /// When the system refuses.
+#[cfg(feature = "folders")]
 pub fn make_folder(folder: &Path) -> Result<(), WriteError> {
     fs::create_dir_all(folder).map_err(|source| WriteError::Folder {
         folder: folder.to_owned(),
@@ -119,6 +129,7 @@ pub fn make_folder(folder: &Path) -> Result<(), WriteError> {
 ///
 /// # Errors
 /// When there is no room or no right to write; the file is then as it was before.
+#[cfg(feature = "folders")]
 pub fn write_whole(file: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     write_with(file, |out| out.write_all(bytes))
 }
@@ -127,6 +138,7 @@ pub fn write_whole(file: &Path, bytes: &[u8]) -> Result<(), WriteError> {
 ///
 /// # Errors
 /// When `write` fails, or there is no room or no right to write; the file is then as it was before.
+#[cfg(feature = "folders")]
 pub fn write_with(
     file: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -158,6 +170,7 @@ pub fn write_with(
 }
 
 /// A temporary file that goes away unless it is persisted, with the usual rights of a new file
+#[cfg(feature = "folders")]
 fn temporary_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".pirouette-").suffix(".part");
@@ -171,6 +184,7 @@ fn temporary_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
 }
 
 /// The error without the temporary name that comes along, which helps nobody, where the kind tells enough
+#[cfg(feature = "folders")]
 fn without_path(error: io::Error) -> io::Error {
     if remedy(&error).is_empty() {
         error
@@ -179,7 +193,7 @@ fn without_path(error: io::Error) -> io::Error {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "folders"))]
 mod tests {
     use super::*;
 

@@ -1,17 +1,24 @@
-//! Results in memory and in a folder are the same.
+//! A scan in a folder, a zip file or memory gives the same results, in a folder or memory.
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::{Cursor, Write};
 use std::path::Path;
 
-use pirouette::pipeline::{CancelToken, Config, Goal, Method, Report, run};
+use pirouette::pipeline::{CancelToken, Config, Event, Goal, Method, Stage};
 use pirouette_files::formats::charts::built_in_charts;
+use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
-use pirouette_files::results::{ResultOptions, make_artifacts, write_results};
-use pirouette_files::scan_folder::{LoadOptions, load_scan, write_scan};
+use pirouette_files::job::{FinishedJob, JobError, JobEvent, ScaleSource, run_job};
+use pirouette_files::results::ResultOptions;
+use pirouette_files::scan_folder::{scan_files, write_scan};
+use pirouette_files::source::Source;
 use pirouette_synthetic::people::turning_woman;
+use zip::write::{SimpleFileOptions, ZipWriter};
 
-fn files_below(folder: &Path, root: &Path, found: &mut BTreeMap<String, Vec<u8>>) {
+type Files = BTreeMap<String, Vec<u8>>;
+
+fn files_below(folder: &Path, root: &Path, found: &mut Files) {
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();
         if path.is_dir() {
@@ -29,30 +36,62 @@ fn files_below(folder: &Path, root: &Path, found: &mut BTreeMap<String, Vec<u8>>
     }
 }
 
-#[test]
-fn artifacts_in_memory_are_the_files_of_the_result_folder() {
-    let scan_folder = tempfile::tempdir().unwrap();
-    write_scan(scan_folder.path(), &turning_woman(4).scan).unwrap();
-    let loaded = load_scan(scan_folder.path(), &LoadOptions::default()).unwrap();
+/// As desktop programs make them: a folder in a zip file
+fn zipped(files: &Files) -> Vec<u8> {
+    let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
+    let options = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated);
+    writer.add_directory("anna", options).expect("memory");
+    for (name, bytes) in files {
+        writer
+            .start_file(format!("anna/{name}"), options)
+            .expect("memory");
+        writer.write_all(bytes).expect("memory");
+    }
+    writer.finish().expect("memory").into_inner()
+}
+
+/// A job without its times, which differ from run to run
+fn finished(source: Source) -> FinishedJob {
     let config = Config::new(Goal::Measure, Method::Fit);
-    let cancel = CancelToken::default();
-    let report: Report = run(&loaded.scan, &config, &cancel, &mut |_| {}).unwrap();
+    let mut done = run_job(source, &config, None, &CancelToken::default(), &mut |_| {})
+        .expect("a rendered person can be scanned");
+    done.load_seconds = 0.5;
+    done.report.seconds.clear();
+    done
+}
+
+#[track_caller]
+fn assert_same(found: &Files, expected: &Files) {
+    let names = |all: &Files| all.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(found), names(expected));
+    for (name, bytes) in found {
+        assert!(bytes == &expected[name], "{name}");
+    }
+}
+
+#[test]
+fn folder_zip_and_memory_give_the_same_bytes() {
+    let person = turning_woman(4);
+    let files = scan_files(&person.scan).unwrap();
+    let scan_folder = tempfile::tempdir().unwrap();
+    write_scan(scan_folder.path(), &person.scan).unwrap();
+    let mut written = BTreeMap::new();
+    files_below(scan_folder.path(), scan_folder.path(), &mut written);
+    assert_same(&files, &written);
+
     let charts = built_in_charts();
     let options = ResultOptions {
         formats: &[MeshFormat::Ply, MeshFormat::Glb],
         page_title: Some("Anna"),
         charts: &charts,
+        exports: &[ExportFormat::Csv],
     };
-    let artifacts = make_artifacts(&loaded, 0.5, &report, &options).unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    write_results(folder.path(), &loaded, 0.5, &report, &options).unwrap();
-    let mut written = BTreeMap::new();
-    files_below(folder.path(), folder.path(), &mut written);
-    let names = |all: &BTreeMap<String, Vec<u8>>| all.keys().cloned().collect::<Vec<_>>();
-    assert_eq!(names(&artifacts), names(&written));
+    let from_folder = finished(Source::open(scan_folder.path()).unwrap());
+    let artifacts = from_folder.artifacts(&options).unwrap();
     for name in [
         "result.json",
         "measurements.json",
+        "measurements.csv",
         "report.html",
         "contact.jpg",
         "tapes.jpg",
@@ -63,7 +102,53 @@ fn artifacts_in_memory_are_the_files_of_the_result_folder() {
     ] {
         assert!(artifacts.contains_key(name), "{name} is missing");
     }
-    for (name, bytes) in &artifacts {
-        assert_eq!(bytes, &written[name], "{name}");
-    }
+    let out = tempfile::tempdir().unwrap();
+    from_folder.write(out.path(), &options).unwrap();
+    let mut written = BTreeMap::new();
+    files_below(out.path(), out.path(), &mut written);
+    assert_same(&artifacts, &written);
+
+    let from_zip = finished(Source::from_zip("anna.zip", zipped(&files)).unwrap());
+    assert_same(&from_zip.artifacts(&options).unwrap(), &artifacts);
+    let from_memory = finished(Source::from_files("anna", files).unwrap());
+    assert_same(&from_memory.artifacts(&options).unwrap(), &artifacts);
+}
+
+#[test]
+fn a_job_reports_what_it_left_out_and_where_the_scale_comes_from() {
+    let mut files = scan_files(&turning_woman(3).scan).unwrap();
+    files.insert("001.jpg".to_owned(), b"no photo".to_vec());
+    let mut events = Vec::new();
+    let source = Source::from_files("anna", files).unwrap();
+    let config = Config::new(Goal::Normalize, Method::Fit);
+    let done = run_job(
+        source,
+        &config,
+        Some(ScaleSource::Card),
+        &CancelToken::default(),
+        &mut |event| match event {
+            JobEvent::ViewFailed(failed) => events.push(failed.to_string()),
+            JobEvent::CardNotNeeded => events.push("no card".to_owned()),
+            JobEvent::Pipeline(Event::StageDone { stage, .. }) if stage == Stage::Load => {
+                events.push("loaded".to_owned());
+            }
+            _ => {}
+        },
+    )
+    .unwrap();
+    assert_eq!(done.loaded.given_view_count(), 3);
+    assert_eq!(events[..2], ["no card", "loaded"]);
+    assert!(events[2].starts_with("view 001 is left out (load): 001.jpg"));
+    assert_eq!(events.len(), 3);
+}
+
+#[test]
+fn a_scale_that_cannot_be_found_is_an_error_of_the_job() {
+    let mut person = turning_woman(3);
+    person.scan.stature_mm = None;
+    let source = Source::from_files("anna", scan_files(&person.scan).unwrap()).unwrap();
+    let config = Config::new(Goal::Measure, Method::Fit);
+    let card = Some(ScaleSource::Card);
+    let done = run_job(source, &config, card, &CancelToken::default(), &mut |_| {});
+    assert!(matches!(done, Err(JobError::Card(_))));
 }

@@ -16,7 +16,7 @@ pub use eval::{
     EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalPhotosArgs, EvalPublishedArgs, EvalScansArgs,
     EvalTable, EvalTapesArgs,
 };
-pub use scan::{Method, MethodArgs, ScaleSource, ScanArgs};
+pub use scan::{Method, MethodArgs, ScanArgs};
 pub use size::SizeArgs;
 
 /// From photos of a turning person to silhouettes, a 3D body and tape measurements

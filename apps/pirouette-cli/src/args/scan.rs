@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
+use pirouette_files::job;
 
 /// Arguments of the main job and its stages
 #[derive(Debug, Args)]
@@ -88,6 +89,15 @@ pub enum Method {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ScaleSource {
     Card,
+}
+
+impl ScaleSource {
+    /// The library's source
+    pub fn of_job(self) -> job::ScaleSource {
+        match self {
+            ScaleSource::Card => job::ScaleSource::Card,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -51,6 +51,26 @@ impl Folders {
         path
     }
 
+    /// The scan folder as a zip file, as desktop programs make it
+    pub fn zip(&self) -> PathBuf {
+        use std::io::Write;
+
+        let file = self.path("anna.zip");
+        let mut writer = zip::ZipWriter::new(std::fs::File::create(&file).unwrap());
+        let options = zip::write::SimpleFileOptions::default()
+            .compression_method(zip::CompressionMethod::Deflated);
+        for entry in std::fs::read_dir(self.scan()).unwrap() {
+            let entry = entry.unwrap();
+            let name = format!("anna/{}", entry.file_name().to_str().unwrap());
+            writer.start_file(name, options).unwrap();
+            writer
+                .write_all(&std::fs::read(entry.path()).unwrap())
+                .unwrap();
+        }
+        writer.finish().unwrap();
+        file
+    }
+
     /// Runs a scanning command from the scan folder to the result folder
     pub fn run(&self, command: &str, switches: &[&str]) -> Run {
         let mut all = vec![command];

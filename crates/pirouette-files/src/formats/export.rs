@@ -3,11 +3,9 @@
 //! Measures that could not be had are left out of every format; each says in which unit it is.
 
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use crate::sink::{WriteError, write_whole};
 use pirouette::measure::{Measure, Measurements};
 use pirouette::sizes::ChartSex;
 
@@ -48,25 +46,6 @@ impl ExportFormat {
             ExportFormat::Seamly2d => seamly(measurements),
         }
     }
-}
-
-/// Writes measurements in some formats into a result folder; hands back the files
-///
-/// # Errors
-/// When a file cannot be written.
-pub fn write_exports(
-    folder: &Path,
-    measurements: &Measurements,
-    formats: &[ExportFormat],
-) -> Result<Vec<PathBuf>, WriteError> {
-    formats
-        .iter()
-        .map(|format| {
-            let file = folder.join(format.file_name());
-            write_whole(&file, format.write(measurements).as_bytes())?;
-            Ok(file)
-        })
-        .collect()
 }
 
 fn tenths(value: f64) -> f64 {

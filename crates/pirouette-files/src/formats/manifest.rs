@@ -1,11 +1,12 @@
 //! The manifest `scan.json`: what is known of a scan besides its photos.
 
 use std::ops::RangeInclusive;
-use std::path::{Component, Path};
+use std::path::Path;
 
 use serde::Deserialize;
 use thiserror::Error;
 
+use crate::source::stays_inside;
 use pirouette::scan::{CameraSetup, Subject};
 use pirouette_body::ReferencePose;
 use pirouette_body::Sex;
@@ -228,16 +229,6 @@ fn within(
         }),
         inside => Ok(inside),
     }
-}
-
-/// Whether a path names a file in the folder it is relative to, by its spelling alone
-fn stays_inside(path: &str) -> bool {
-    let mut components = Path::new(path).components().peekable();
-    // On no system may a manifest use what is a root, a drive or a stream on another.
-    components.peek().is_some()
-        && !path.contains(['\\', ':', '\0'])
-        && components.all(|c| matches!(c, Component::Normal(_) | Component::CurDir))
-        && Path::new(path).file_name().is_some()
 }
 
 /// Name of a view: the photo's file name without its ending

@@ -1,4 +1,4 @@
-//! Scan folders: a manifest or bare photos, their keypoints and given masks.
+//! Scans in a folder, a zip file or memory: a manifest or bare photos, their keypoints and given masks.
 //!
 //! A view that cannot be used never takes the others down: it is handed back with its reason. Only what
 //! concerns the whole folder (an unreadable manifest, a path that leaves the folder) is an error.
@@ -8,21 +8,23 @@ mod view;
 mod write;
 
 use std::cmp::Ordering;
-use std::fs;
-use std::io::{self, Read};
-use std::path::{Path, PathBuf};
+use std::fmt;
+use std::path::Path;
 
 use rayon::prelude::*;
 
 use crate::formats::manifest;
 use crate::formats::manifest::{Manifest, ManifestView};
 use crate::formats::photo::decode_photo;
+use crate::source::Source;
 use pirouette::scan::{CameraSetup, Photo, Scan, StatureFrom, View};
 use pirouette_body::TurnAngle;
 use view::{LoadedView, keypoint_places, load_view};
 
 pub use problem::{ScanError, ScanWarning, ViewError};
-pub use write::{WriteScanError, keypoint_file, write_scan};
+#[cfg(feature = "folders")]
+pub use write::write_scan;
+pub use write::{WriteScanError, keypoint_file, scan_files};
 
 /// How a scan folder is loaded
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -74,15 +76,22 @@ pub struct LoadedScan {
     pub failed: Vec<FailedView>,
     /// What was decided without being asked
     pub warnings: Vec<ScanWarning>,
+    /// Where the photos come from
+    source: Source,
     /// The photo file of each view that can be used
-    files: Vec<PathBuf>,
+    files: Vec<String>,
 }
 
 impl LoadedScan {
+    /// The number of views given, also those that cannot be used
+    pub fn given_view_count(&self) -> usize {
+        self.scan.views.len() + self.failed.len()
+    }
+
     /// Reads the photo of a view again at the size that it was given at; `None` when it is not there as before
     pub fn whole_photo(&self, view: usize) -> Option<Photo> {
         let (file, view) = (self.files.get(view)?, self.scan.views.get(view)?);
-        let bytes = read_plain(file, view::MAX_PHOTO_BYTES).ok()?;
+        let bytes = self.source.read(file, view::MAX_PHOTO_BYTES).ok()?;
         let photo = decode_photo(&bytes).ok()?.photo;
         let size = (photo.width(), photo.height());
         (size == view.input_size_px).then_some(photo)
@@ -100,33 +109,45 @@ pub struct FailedView {
     pub reason: ViewError,
 }
 
-/// Loads a scan folder
+impl fmt::Display for FailedView {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "view {} is left out (load): {}", self.view, self.reason)
+    }
+}
+
+/// Opens and loads a scan folder, or a zip file of one
+///
+/// # Errors
+/// When it cannot be opened, and those of [`load_source`].
+#[cfg(feature = "folders")]
+pub fn load_scan(path: &Path, options: &LoadOptions) -> Result<LoadedScan, ScanError> {
+    load_source(open_source(path)?, options)
+}
+
+/// Opens a scan folder, or a zip file of one
+///
+/// # Errors
+/// When there is neither, or a zip file cannot be used.
+#[cfg(feature = "folders")]
+pub fn open_source(path: &Path) -> Result<Source, ScanError> {
+    Source::open(path).map_err(|error| ScanError::of_source(path.to_owned(), error))
+}
+
+/// Loads a scan
 ///
 /// Without a manifest, or without `views` in it, the photos are taken in the order of their names, where
 /// numbers count as numbers (`2.jpg` before `10.jpg`).
 ///
 /// # Errors
-/// When the folder or its manifest cannot be read, a path leaves the folder, or there are no photos.
-pub fn load_scan(folder: &Path, options: &LoadOptions) -> Result<LoadedScan, ScanError> {
-    if !folder.is_dir() {
-        return Err(ScanError::NotAFolder {
-            path: folder.to_owned(),
-        });
-    }
-    let folder = Folder {
-        path: folder,
-        canonical: folder.canonicalize().map_err(|source| ScanError::Read {
-            path: folder.to_owned(),
-            source,
-        })?,
-    };
-    let manifest = read_manifest(&folder)?;
+/// When names or the manifest cannot be read, a path leaves the source, or there are no photos.
+pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, ScanError> {
+    let manifest = read_manifest(&source)?;
     let mut warnings = Vec::new();
     let entries = match manifest.views {
         Some(views) => views,
-        None => find_photos(&folder, &mut warnings)?,
+        None => find_photos(&source, &mut warnings)?,
     };
-    folder.check_links(&entries)?;
+    check_links(&source, &entries)?;
 
     let missing_count = entries.iter().filter(|e| e.angle_deg.is_none()).count();
     if missing_count > 0 && missing_count < entries.len() {
@@ -139,7 +160,7 @@ pub fn load_scan(folder: &Path, options: &LoadOptions) -> Result<LoadedScan, Sca
 
     let mut loaded: Vec<_> = entries
         .par_iter()
-        .map(|entry| load_view(&folder, entry, options.max_side_px))
+        .map(|entry| load_view(&source, entry, options.max_side_px))
         .collect();
     if options.one_shape {
         refuse_other_shapes(&mut loaded);
@@ -158,7 +179,7 @@ pub fn load_scan(folder: &Path, options: &LoadOptions) -> Result<LoadedScan, Sca
                     });
                 }
                 fields_of_view.extend(loaded.vertical_fov_radians);
-                files.push(folder.file(&entry.image));
+                files.push(entry.image.clone());
                 views.push(View {
                     name,
                     photo: loaded.photo,
@@ -194,77 +215,40 @@ pub fn load_scan(folder: &Path, options: &LoadOptions) -> Result<LoadedScan, Sca
         },
         failed,
         warnings,
+        source,
         files,
     })
 }
 
-/// A scan folder that nothing may lead out of
-struct Folder<'a> {
-    path: &'a Path,
-    canonical: PathBuf,
-}
-
-impl Folder<'_> {
-    fn file(&self, name: &str) -> PathBuf {
-        self.path.join(name)
-    }
-
-    fn contains(&self, file: &Path) -> bool {
-        // What does not exist leads nowhere; reading it then fails.
-        file.canonicalize()
-            .map_or(true, |canonical| canonical.starts_with(&self.canonical))
-    }
-
-    fn check_link(&self, name: &str) -> Result<(), ScanError> {
-        let path = self.file(name);
-        if self.contains(&path) {
-            Ok(())
-        } else {
-            Err(ScanError::LinkLeaves { path })
-        }
-    }
-
-    fn check_links(&self, entries: &[ManifestView]) -> Result<(), ScanError> {
-        for entry in entries {
-            self.check_link(&entry.image)?;
-            for name in entry.keypoints.iter().chain(&entry.mask) {
-                self.check_link(name)?;
-            }
-            for name in keypoint_places(&entry.image) {
-                self.check_link(&name)?;
-            }
-        }
+fn check_link(source: &Source, name: &str) -> Result<(), ScanError> {
+    if source.is_inside(name) {
         Ok(())
-    }
-
-    fn read(&self, name: &str, limit: u64) -> io::Result<Vec<u8>> {
-        read_plain(&self.file(name), limit)
+    } else {
+        let path = source.path_of(name);
+        Err(ScanError::LinkLeaves { path })
     }
 }
 
-/// The content of a plain file of at most `limit` bytes
-fn read_plain(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
-    // A pipe would block, a device never end.
-    if !fs::metadata(path)?.is_file() {
-        return Err(io::Error::other("not a plain file"));
+fn check_links(source: &Source, entries: &[ManifestView]) -> Result<(), ScanError> {
+    for entry in entries {
+        check_link(source, &entry.image)?;
+        for name in entry.keypoints.iter().chain(&entry.mask) {
+            check_link(source, name)?;
+        }
+        for name in keypoint_places(&entry.image) {
+            check_link(source, &name)?;
+        }
     }
-    let mut bytes = Vec::new();
-    fs::File::open(path)?
-        .take(limit + 1)
-        .read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > limit {
-        return Err(io::Error::from(io::ErrorKind::FileTooLarge));
-    }
-    Ok(bytes)
+    Ok(())
 }
 
-fn read_manifest(folder: &Folder) -> Result<Manifest, ScanError> {
-    let path = folder.file(manifest::FILE_NAME);
-    if !path.exists() {
+fn read_manifest(source: &Source) -> Result<Manifest, ScanError> {
+    let path = source.path_of(manifest::FILE_NAME);
+    if !source.contains(manifest::FILE_NAME) {
         return Ok(Manifest::default());
     }
-    folder.check_link(manifest::FILE_NAME)?;
-    match folder.read(manifest::FILE_NAME, MAX_JSON_BYTES) {
+    check_link(source, manifest::FILE_NAME)?;
+    match source.read(manifest::FILE_NAME, MAX_JSON_BYTES) {
         Ok(json) => {
             manifest::parse_manifest(&json).map_err(|source| ScanError::Manifest { path, source })
         }
@@ -272,29 +256,21 @@ fn read_manifest(folder: &Folder) -> Result<Manifest, ScanError> {
     }
 }
 
-/// The photos of a folder without a manifest
+/// The photos of a scan without a manifest
 fn find_photos(
-    folder: &Folder,
+    source: &Source,
     warnings: &mut Vec<ScanWarning>,
 ) -> Result<Vec<ManifestView>, ScanError> {
-    let read = |source| ScanError::Read {
-        path: folder.path.to_owned(),
-        source,
-    };
-    let mut files: Vec<String> = Vec::new();
-    for entry in fs::read_dir(folder.path).map_err(read)? {
-        // Names that are no text cannot be named in results either.
-        let Ok(name) = entry.map_err(read)?.file_name().into_string() else {
-            continue;
-        };
-        let ending = Path::new(&name).extension();
+    let mut files = source.top_names().map_err(|error| ScanError::Read {
+        path: source.path(),
+        source: error,
+    })?;
+    files.retain(|name| {
+        let ending = Path::new(name).extension();
         let ending = ending.map(|e| e.to_string_lossy().to_lowercase());
         let photo = ending.is_some_and(|e| PHOTO_ENDINGS.contains(&e.as_str()));
-        if !photo || name.starts_with('.') || !folder.file(&name).is_file() {
-            continue;
-        }
-        files.push(name);
-    }
+        photo && !name.starts_with('.')
+    });
     files.sort_by(|a, b| natural_order(a, b));
     let (ignored, photos): (Vec<_>, Vec<_>) = files.into_iter().partition(|name| {
         let stem = manifest::stem(name);
@@ -305,7 +281,7 @@ fn find_photos(
     }
     if photos.is_empty() {
         return Err(ScanError::NoPhotos {
-            folder: folder.path.to_owned(),
+            folder: source.path(),
         });
     }
     for pair in photos.windows(2) {
@@ -396,5 +372,5 @@ fn common_field_of_view(
     Some(fields_of_view[fields_of_view.len() / 2])
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "folders"))]
 mod tests;

@@ -1,4 +1,4 @@
-//! What can be wrong with a scan folder: errors of the whole, of one view, and warnings.
+//! What can be wrong with a scan: errors of the whole, of one view, and warnings.
 
 use std::io;
 use std::path::PathBuf;
@@ -8,15 +8,14 @@ use thiserror::Error;
 use crate::formats::manifest::ManifestError;
 use crate::formats::openpose::KeypointsError;
 use crate::formats::photo::PhotoError;
+use crate::source::SourceError;
 
 /// Why a whole scan cannot be loaded
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum ScanError {
-    #[error(
-        "{} is no folder; a scan is a folder of photos with keypoint files", path.display()
-    )]
-    NotAFolder { path: PathBuf },
+    #[error("{}: {source}", path.display())]
+    Source { path: PathBuf, source: SourceError },
     #[error("cannot read {}: {source}", path.display())]
     Read { path: PathBuf, source: io::Error },
     #[error("{}: {source}", path.display())]
@@ -32,6 +31,16 @@ pub enum ScanError {
     NoPhotos { folder: PathBuf },
     #[error("{first} and {second} have the same name; rename one of them")]
     SameName { first: String, second: String },
+}
+
+impl ScanError {
+    /// The error of a source at a path
+    pub(super) fn of_source(path: PathBuf, error: SourceError) -> Self {
+        match error {
+            SourceError::Read(source) => ScanError::Read { path, source },
+            source => ScanError::Source { path, source },
+        }
+    }
 }
 
 /// Why one view cannot be used

@@ -1,19 +1,20 @@
 //! One view: its photo, keypoints and mask.
 
+use std::borrow::Cow;
 use std::io;
-use std::path::Path;
 
 use pirouette_geom::Mask;
 
-use super::{Folder, MAX_JSON_BYTES, ViewError};
+use super::{MAX_JSON_BYTES, ViewError};
 use crate::formats::manifest;
 use crate::formats::manifest::ManifestView;
 use crate::formats::{openpose, photo};
+use crate::source::{MAX_ENTRY_BYTES, Source};
 use pirouette::scan::Photo;
 use pirouette_body::Keypoints;
 
 /// Longest photo file that is read, in bytes
-pub(super) const MAX_PHOTO_BYTES: u64 = 512 << 20;
+pub(super) const MAX_PHOTO_BYTES: u64 = MAX_ENTRY_BYTES;
 
 /// What the files of one view hold
 pub(super) struct LoadedView {
@@ -27,12 +28,12 @@ pub(super) struct LoadedView {
 
 /// Reads the files of one view, and shrinks what is larger than the method needs
 pub(super) fn load_view(
-    folder: &Folder,
+    source: &Source,
     entry: &ManifestView,
     max_side_px: usize,
 ) -> Result<LoadedView, ViewError> {
     let image = &entry.image;
-    let bytes = read_file(folder, image, MAX_PHOTO_BYTES)?;
+    let bytes = read_file(source, image, MAX_PHOTO_BYTES)?;
     let in_photo = |source| ViewError::Photo {
         file: image.clone(),
         source,
@@ -41,9 +42,9 @@ pub(super) fn load_view(
     drop(bytes);
     let (width, height) = (decoded.photo.width(), decoded.photo.height());
     let mask = entry.mask.as_ref();
-    let mask = mask.map(|file| load_mask(folder, file, width, height));
+    let mask = mask.map(|file| load_mask(source, file, width, height));
     let mask = mask.transpose()?;
-    let (mut keypoints, people_count) = load_keypoints(folder, entry, width, height)?;
+    let (mut keypoints, people_count) = load_keypoints(source, entry, width, height)?;
     let photo = photo::shrink(decoded.photo, max_side_px);
     if mask.is_none() {
         photo::check_contrast(&photo).map_err(in_photo)?;
@@ -68,8 +69,8 @@ pub(super) fn load_view(
     })
 }
 
-fn read_file(folder: &Folder, file: &str, limit: u64) -> Result<Vec<u8>, ViewError> {
-    folder.read(file, limit).map_err(|source| {
+fn read_file<'a>(source: &'a Source, file: &str, limit: u64) -> Result<Cow<'a, [u8]>, ViewError> {
+    source.read(file, limit).map_err(|source| {
         let file = file.to_owned();
         match source.kind() {
             io::ErrorKind::NotFound => ViewError::Missing { file },
@@ -79,12 +80,12 @@ fn read_file(folder: &Folder, file: &str, limit: u64) -> Result<Vec<u8>, ViewErr
 }
 
 fn load_mask(
-    folder: &Folder,
+    source: &Source,
     file: &str,
     photo_width: usize,
     photo_height: usize,
 ) -> Result<Mask, ViewError> {
-    let bytes = read_file(folder, file, MAX_PHOTO_BYTES)?;
+    let bytes = read_file(source, file, MAX_PHOTO_BYTES)?;
     let mask = photo::decode_mask(&bytes).map_err(|source| ViewError::Photo {
         file: file.to_owned(),
         source,
@@ -109,16 +110,16 @@ fn load_mask(
 /// Where the keypoints of a photo are looked for
 pub(super) fn keypoint_places(image: &str) -> [String; 2] {
     let file = format!("{}_keypoints.json", manifest::stem(image));
-    let beside = Path::new(image).with_file_name(&file);
-    [
-        beside.to_string_lossy().into_owned(),
-        format!("keypoints/{file}"),
-    ]
+    let beside = match image.rsplit_once('/') {
+        Some((folder, _)) => format!("{folder}/{file}"),
+        None => file.clone(),
+    };
+    [beside, format!("keypoints/{file}")]
 }
 
 /// The person's keypoints and the number of people; with a given mask a view may do without
 fn load_keypoints(
-    folder: &Folder,
+    source: &Source,
     entry: &ManifestView,
     width_px: usize,
     height_px: usize,
@@ -126,7 +127,7 @@ fn load_keypoints(
     let places = keypoint_places(&entry.image);
     let file = match &entry.keypoints {
         Some(file) => Some(file),
-        None => places.iter().find(|place| folder.file(place).exists()),
+        None => places.iter().find(|place| source.contains(place)),
     };
     let Some(file) = file else {
         let [file, _] = places;
@@ -135,7 +136,7 @@ fn load_keypoints(
             None => Err(ViewError::NoKeypointFile { file }),
         };
     };
-    let json = read_file(folder, file, MAX_JSON_BYTES)?;
+    let json = read_file(source, file, MAX_JSON_BYTES)?;
     let detection = openpose::parse_keypoints(&json, width_px, height_px).map_err(|source| {
         ViewError::Keypoints {
             file: file.clone(),

@@ -1,12 +1,16 @@
-//! Writing scan folders, as demonstrations and tests need them.
+//! Writing scans into folders or memory, as demonstrations and tests need them.
 
+use std::collections::BTreeMap;
+#[cfg(feature = "folders")]
 use std::path::Path;
 
 use serde_json::json;
 use thiserror::Error;
 
 use crate::formats::{manifest, photo};
-use crate::sink::{WriteError, make_folder, write_whole};
+#[cfg(feature = "folders")]
+use crate::sink::make_folder;
+use crate::sink::{Sink, WriteError};
 use pirouette::scan::{Scan, View};
 use pirouette_body::Keypoints;
 use pirouette_body::ReferencePose;
@@ -43,33 +47,46 @@ pub enum WriteScanError {
 ///
 /// # Errors
 /// When the folder cannot be written.
+#[cfg(feature = "folders")]
 pub fn write_scan(folder: &Path, scan: &Scan) -> Result<(), WriteScanError> {
     make_folder(folder)?;
-    for view in &scan.views {
-        write_view(folder, view)?;
-    }
-    let manifest = format!("{:#}\n", manifest_of(scan));
-    write_whole(&folder.join(manifest::FILE_NAME), manifest.as_bytes())?;
-    Ok(())
+    put_scan(&Sink::Folder(folder.to_owned()), scan)
 }
 
-fn write_view(folder: &Path, view: &View) -> Result<(), WriteScanError> {
+/// Makes the files that [`write_scan`] writes in memory: bytes by name
+///
+/// # Errors
+/// When an encoder rejects a photo or a mask.
+pub fn scan_files(scan: &Scan) -> Result<BTreeMap<String, Vec<u8>>, WriteScanError> {
+    let sink = Sink::memory();
+    put_scan(&sink, scan)?;
+    Ok(sink.into_artifacts())
+}
+
+fn put_scan(sink: &Sink, scan: &Scan) -> Result<(), WriteScanError> {
+    for view in &scan.views {
+        put_view(sink, view)?;
+    }
+    let manifest = format!("{:#}\n", manifest_of(scan));
+    Ok(sink.put(manifest::FILE_NAME, manifest.into_bytes())?)
+}
+
+fn put_view(sink: &Sink, view: &View) -> Result<(), WriteScanError> {
     let name = &view.name;
     let jpeg =
         photo::encode_jpeg(&view.photo, JPEG_QUALITY).map_err(|source| WriteScanError::Photo {
             view: name.clone(),
             source,
         })?;
-    write_whole(&folder.join(format!("{name}.jpg")), &jpeg)?;
+    sink.put(&format!("{name}.jpg"), jpeg)?;
     let keypoints = keypoint_file(&view.keypoints).to_string();
-    let file = folder.join(format!("{name}_keypoints.json"));
-    write_whole(&file, keypoints.as_bytes())?;
+    sink.put(&format!("{name}_keypoints.json"), keypoints.into_bytes())?;
     if let Some(mask) = &view.mask {
         let png = photo::encode_mask(mask).map_err(|source| WriteScanError::Mask {
             view: name.clone(),
             source,
         })?;
-        write_whole(&folder.join(format!("{name}_mask.png")), &png)?;
+        sink.put(&format!("{name}_mask.png"), png)?;
     }
     Ok(())
 }

@@ -1,0 +1,200 @@
+//! A job from end to end: load a scan, find its scale, compute, and hand out the results.
+//!
+//! A front end opens a [`Source`], calls [`run_job`], and takes the artifacts as bytes or has them written into a folder.
+//! Flags, progress and texts are its own; decisions are made here.
+
+use std::collections::BTreeMap;
+#[cfg(feature = "folders")]
+use std::path::Path;
+use std::time::Instant;
+
+use pirouette::pipeline::{self, CancelToken, Config, Event, Goal, PipelineError, Report, Stage};
+use pirouette::scale::{Card, ScaleError, scale_by_card, scale_by_pixels};
+use pirouette::scan::StatureFrom;
+use pirouette::sizes::{Chart, advise_person};
+use serde_json::Value;
+use thiserror::Error;
+
+use crate::report::json::measurements_json;
+#[cfg(feature = "folders")]
+use crate::results::write_results;
+use crate::results::{ResultError, ResultOptions, make_artifacts, result_value};
+use crate::scan_folder::{
+    FailedView, LoadOptions, LoadedScan, ScanError, ScanWarning, load_source,
+};
+use crate::source::Source;
+
+/// Where the scale comes from when the manifest contains neither the stature nor the size of a pixel
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ScaleSource {
+    /// An ID-1 card (85.60 x 53.98 mm, as bank cards) beside the person
+    Card,
+}
+
+/// What happens during a job
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum JobEvent<'a> {
+    /// Progress of a stage, [`Stage::Load`] included, or a warning of the computation
+    Pipeline(Event),
+    /// An automatic correction while loading
+    LoadWarning(&'a ScanWarning),
+    /// A view that cannot be loaded and is left out
+    ViewFailed(&'a FailedView),
+    /// A card provides the scale
+    CardFound {
+        /// The view that shows it
+        view: &'a str,
+        /// The card
+        card: &'a Card,
+    },
+    /// No card was searched for, since the manifest provides the stature
+    CardNotNeeded,
+}
+
+/// Why a job has no result
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum JobError {
+    /// The scan cannot be loaded
+    #[error(transparent)]
+    Scan(#[from] ScanError),
+    /// No scale can be had from a card
+    #[error("scale from a card: {0}")]
+    Card(#[source] ScaleError),
+    /// No scale can be had from the size of a pixel
+    #[error("camera.mm_per_px: {0}")]
+    PixelSize(#[source] ScaleError),
+    /// The computation fails, or was cancelled
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+}
+
+/// A finished job
+#[derive(Debug)]
+pub struct FinishedJob {
+    /// The scan, with its scale
+    pub loaded: LoadedScan,
+    /// Duration of loading, in seconds
+    pub load_seconds: f64,
+    /// What was computed
+    pub report: Report,
+}
+
+/// Loads a scan, finds its scale, and computes up to the goal of `config`
+///
+/// `on_event` receives progress and warnings; calls are serialized but may come from any thread.
+///
+/// # Errors
+/// When the scan cannot be loaded, the requested scale cannot be found, or the computation fails or is cancelled.
+pub fn run_job(
+    source: Source,
+    config: &Config,
+    scale: Option<ScaleSource>,
+    cancel: &CancelToken,
+    on_event: &mut (dyn FnMut(JobEvent) + Send),
+) -> Result<FinishedJob, JobError> {
+    let start = Instant::now();
+    let options = LoadOptions {
+        // Silhouettes of photos of all kinds are fine; only a body needs one camera.
+        one_shape: config.goal > Goal::Segment,
+        ..LoadOptions::default()
+    };
+    let mut loaded = load_source(source, &options)?;
+    if config.goal > Goal::Segment {
+        find_scale(&mut loaded, scale, on_event)?;
+    }
+    let load_seconds = start.elapsed().as_secs_f64();
+    on_event(JobEvent::Pipeline(Event::StageDone {
+        stage: Stage::Load,
+        seconds: load_seconds,
+    }));
+    for warning in &loaded.warnings {
+        on_event(JobEvent::LoadWarning(warning));
+    }
+    for failed in &loaded.failed {
+        on_event(JobEvent::ViewFailed(failed));
+    }
+    let config = Config {
+        given_view_count: Some(loaded.given_view_count()),
+        ..config.clone()
+    };
+    let report = pipeline::run(&loaded.scan, &config, cancel, &mut |event| {
+        on_event(JobEvent::Pipeline(event));
+    })?;
+    Ok(FinishedJob {
+        loaded,
+        load_seconds,
+        report,
+    })
+}
+
+/// Finds the scale where the manifest does not contain the stature
+fn find_scale(
+    loaded: &mut LoadedScan,
+    source: Option<ScaleSource>,
+    on_event: &mut (dyn FnMut(JobEvent) + Send),
+) -> Result<(), JobError> {
+    let scan = &mut loaded.scan;
+    if scan.stature_mm.is_some() {
+        if source.is_some() {
+            on_event(JobEvent::CardNotNeeded);
+        }
+        return Ok(());
+    }
+    if let Some(ScaleSource::Card) = source {
+        let (view, card) = scale_by_card(scan).map_err(JobError::Card)?;
+        on_event(JobEvent::CardFound {
+            view: &view,
+            card: &card,
+        });
+    } else if let (Some(mm_per_px), Some(view)) = (scan.mm_per_px, scan.views.first()) {
+        // Large photos were shrunk.
+        let shrunk = view.input_size_px.1 as f64 / view.photo.height() as f64;
+        scale_by_pixels(scan, mm_per_px * shrunk, StatureFrom::PixelSize)
+            .map_err(JobError::PixelSize)?;
+    }
+    Ok(())
+}
+
+impl FinishedJob {
+    /// All results in memory: bytes by name, such as `result.json` and `views/000/mask.png`
+    ///
+    /// # Errors
+    /// When an encoder rejects a picture.
+    pub fn artifacts(
+        &self,
+        options: &ResultOptions,
+    ) -> Result<BTreeMap<String, Vec<u8>>, ResultError> {
+        make_artifacts(&self.loaded, self.load_seconds, &self.report, options)
+    }
+
+    /// Writes all results into a folder, file by file, `result.json` last
+    ///
+    /// # Errors
+    /// When the folder cannot be written; files that were written before remain, none is partial.
+    #[cfg(feature = "folders")]
+    pub fn write(&self, folder: &Path, options: &ResultOptions) -> Result<(), ResultError> {
+        write_results(
+            folder,
+            &self.loaded,
+            self.load_seconds,
+            &self.report,
+            options,
+        )
+    }
+
+    /// The content of `result.json` and `measurements.json` in one object
+    pub fn to_json(&self, charts: &[Chart]) -> Value {
+        let mut value = result_value(&self.loaded, self.load_seconds, &self.report);
+        if let Some(measurements) = &self.report.measurements {
+            let advice = advise_person(measurements, charts);
+            let measured = measurements_json(measurements, &advice);
+            if let (Value::Object(value), Value::Object(measured)) = (&mut value, measured) {
+                value.extend(measured);
+            }
+        }
+        value
+    }
+}

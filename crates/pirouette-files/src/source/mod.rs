@@ -1,0 +1,249 @@
+//! Where scans come from: a folder, a zip file, or files in memory.
+//!
+//! All three list names, read one file up to a limit, and name files in messages; loading a scan needs no more. Names are
+//! relative, separated by `/`, and never lead out of the source. A zip file is not unpacked: files are read from it one by one.
+
+#[cfg(feature = "folders")]
+mod folder;
+mod zip_file;
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::io::{self, Read};
+#[cfg(feature = "folders")]
+use std::path::Path;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use thiserror::Error;
+
+#[cfg(feature = "folders")]
+use folder::Folder;
+use zip_file::ZipFile;
+
+pub use zip_file::{MAX_ENTRY_BYTES, MAX_ENTRY_COUNT, MAX_RATIO, MAX_TOTAL_BYTES};
+
+/// The files of one scan
+#[derive(Debug)]
+pub struct Source {
+    files: Files,
+}
+
+#[derive(Debug)]
+enum Files {
+    #[cfg(feature = "folders")]
+    Folder(Folder),
+    Memory(Memory),
+    Zip(ZipFile),
+}
+
+/// Files in memory under a common name
+#[derive(Debug)]
+struct Memory {
+    name: String,
+    files: BTreeMap<String, Arc<[u8]>>,
+}
+
+/// Why the files of a scan cannot be used
+#[derive(Debug, Error)]
+#[non_exhaustive]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum SourceError {
+    #[error(
+        "neither a folder nor a zip file; a scan is a folder of photos with keypoint files, or a zip file of one"
+    )]
+    Neither,
+    #[error("cannot be read: {0}")]
+    Read(#[source] io::Error),
+    #[error("damaged zip file: {0}; make it again")]
+    Damaged(#[source] io::Error),
+    #[error(
+        "the name {name:?} leads out of the scan; names are relative, with \"/\" between folders and without \"..\""
+    )]
+    NameLeaves { name: String },
+    #[error("{name} is contained twice; remove one of them")]
+    SameName { name: String },
+    #[error("{name} is a link; replace it by the file that it points to")]
+    Link { name: String },
+    #[error("{name} is encrypted; make the zip file without a password")]
+    Encrypted { name: String },
+    #[error("{name} is compressed by {method}; make the zip file with the usual method (deflate)")]
+    Method { name: String, method: String },
+    #[error("{count} files and folders; at most {MAX_ENTRY_COUNT} are accepted")]
+    TooMany { count: usize },
+    #[error("{name} has {bytes} bytes uncompressed; at most {MAX_ENTRY_BYTES} are accepted")]
+    TooLarge { name: String, bytes: u64 },
+    #[error("more than {MAX_TOTAL_BYTES} bytes uncompressed; smaller photos suffice")]
+    TotalTooLarge,
+    #[error(
+        "{name} is {ratio} times larger uncompressed; photos and keypoints stay below {MAX_RATIO} times"
+    )]
+    Ratio { name: String, ratio: u64 },
+}
+
+impl Source {
+    /// Opens a folder or a zip file
+    ///
+    /// # Errors
+    /// When there is neither, it cannot be read, or a zip file breaks a limit of this module.
+    #[cfg(feature = "folders")]
+    pub fn open(path: &Path) -> Result<Self, SourceError> {
+        let files = if path.is_dir() {
+            Files::Folder(Folder::open(path).map_err(SourceError::Read)?)
+        } else if path.is_file() {
+            let file = std::fs::File::open(path).map_err(SourceError::Read)?;
+            let file = io::BufReader::new(file);
+            Files::Zip(ZipFile::open(path.display().to_string(), Box::new(file))?)
+        } else {
+            return Err(SourceError::Neither);
+        };
+        Ok(Self { files })
+    }
+
+    /// Files in memory; `name` stands for them in messages
+    ///
+    /// # Errors
+    /// When a name leads out of the scan or is contained twice.
+    pub fn from_files<N: Into<String>, B: Into<Arc<[u8]>>>(
+        name: &str,
+        files: impl IntoIterator<Item = (N, B)>,
+    ) -> Result<Self, SourceError> {
+        let mut all = BTreeMap::new();
+        for (name, bytes) in files {
+            let name = name.into();
+            let plain = plain_name(&name).ok_or(SourceError::NameLeaves { name })?;
+            if all.insert(plain.clone(), bytes.into()).is_some() {
+                return Err(SourceError::SameName { name: plain });
+            }
+        }
+        Ok(Self {
+            files: Files::Memory(Memory {
+                name: name.to_owned(),
+                files: all,
+            }),
+        })
+    }
+
+    /// A zip file in memory; `name` stands for it in messages
+    ///
+    /// # Errors
+    /// When the bytes are no zip file, or break a limit of this module.
+    pub fn from_zip(name: &str, bytes: impl Into<Arc<[u8]>>) -> Result<Self, SourceError> {
+        let bytes: Arc<[u8]> = bytes.into();
+        let bytes = Box::new(io::Cursor::new(bytes));
+        Ok(Self {
+            files: Files::Zip(ZipFile::open(name.to_owned(), bytes)?),
+        })
+    }
+
+    /// What the scan is called: the name of the folder, or of the zip file without its ending
+    pub fn title(&self) -> String {
+        match &self.files {
+            #[cfg(feature = "folders")]
+            Files::Folder(folder) => folder.title(),
+            Files::Memory(memory) => memory.name.clone(),
+            Files::Zip(zip) => zip.title(),
+        }
+    }
+
+    /// The path of the source, for messages
+    pub fn path(&self) -> PathBuf {
+        match &self.files {
+            #[cfg(feature = "folders")]
+            Files::Folder(folder) => folder.path().to_owned(),
+            Files::Memory(memory) => PathBuf::from(&memory.name),
+            Files::Zip(zip) => PathBuf::from(zip.name()),
+        }
+    }
+
+    /// The path of a file, for messages
+    pub fn path_of(&self, name: &str) -> PathBuf {
+        self.path().join(name)
+    }
+
+    /// The names of the files that lie in no folder of the source, in no particular order
+    ///
+    /// # Errors
+    /// When a folder cannot be listed.
+    pub fn top_names(&self) -> io::Result<Vec<String>> {
+        let top = |name: &&String| !name.contains('/');
+        Ok(match &self.files {
+            #[cfg(feature = "folders")]
+            Files::Folder(folder) => folder.top_names()?,
+            Files::Memory(memory) => memory.files.keys().filter(top).cloned().collect(),
+            Files::Zip(zip) => zip.names().filter(top).cloned().collect(),
+        })
+    }
+
+    /// Whether there is a file of that name
+    pub fn contains(&self, name: &str) -> bool {
+        let plain = plain_name(name);
+        match &self.files {
+            #[cfg(feature = "folders")]
+            Files::Folder(folder) => folder.contains(name),
+            Files::Memory(memory) => plain.is_some_and(|name| memory.files.contains_key(&name)),
+            Files::Zip(zip) => plain.is_some_and(|name| zip.contains(&name)),
+        }
+    }
+
+    /// Whether a file, where there is one, lies in the source, also by links
+    pub fn is_inside(&self, name: &str) -> bool {
+        match &self.files {
+            #[cfg(feature = "folders")]
+            Files::Folder(folder) => folder.is_inside(name),
+            Files::Memory(_) | Files::Zip(_) => plain_name(name).is_some(),
+        }
+    }
+
+    /// The content of a file of at most `limit` bytes
+    ///
+    /// # Errors
+    /// When there is no such file, it is no plain file, it is larger than `limit`, or it cannot be read.
+    pub fn read(&self, name: &str, limit: u64) -> io::Result<Cow<'_, [u8]>> {
+        let plain = || plain_name(name).ok_or_else(|| io::Error::from(io::ErrorKind::NotFound));
+        match &self.files {
+            #[cfg(feature = "folders")]
+            Files::Folder(folder) => folder.read(name, limit).map(Cow::Owned),
+            Files::Memory(memory) => match memory.files.get(&plain()?) {
+                Some(bytes) if bytes.len() as u64 > limit => {
+                    Err(io::Error::from(io::ErrorKind::FileTooLarge))
+                }
+                Some(bytes) => Ok(Cow::Borrowed(bytes)),
+                None => Err(io::Error::from(io::ErrorKind::NotFound)),
+            },
+            Files::Zip(zip) => zip.read(&plain()?, limit).map(Cow::Owned),
+        }
+    }
+}
+
+/// Whether a path is relative and stays inside what it is relative to, by its spelling alone
+///
+/// No system may find a root, a drive or a stream in it that another does not.
+pub fn stays_inside(path: &str) -> bool {
+    plain_name(path).is_some()
+}
+
+/// A path that stays inside, without `.` and empty parts
+fn plain_name(path: &str) -> Option<String> {
+    if path.starts_with('/') || path.contains(['\\', ':', '\0']) {
+        return None;
+    }
+    let parts = path.split('/').filter(|part| !matches!(*part, "" | "."));
+    let parts: Vec<&str> = parts.collect();
+    (!parts.is_empty() && !parts.contains(&"..")).then(|| parts.join("/"))
+}
+
+/// At most `limit` bytes of a reader; more are an error
+fn read_bounded(reader: impl Read, limit: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    reader
+        .take(limit.saturating_add(1))
+        .read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit {
+        return Err(io::Error::from(io::ErrorKind::FileTooLarge));
+    }
+    Ok(bytes)
+}
+
+#[cfg(all(test, feature = "folders"))]
+mod tests;

@@ -1,0 +1,245 @@
+use std::io::{Cursor, Write};
+
+use proptest::prelude::*;
+use zip::write::{SimpleFileOptions, ZipWriter};
+
+use super::*;
+
+const DEFLATE: zip::CompressionMethod = zip::CompressionMethod::Deflated;
+
+fn zipped(write: impl FnOnce(&mut ZipWriter<Cursor<Vec<u8>>>)) -> Vec<u8> {
+    let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
+    write(&mut writer);
+    writer.finish().unwrap().into_inner()
+}
+
+fn zip_of(files: &[(&str, &[u8])]) -> Vec<u8> {
+    zipped(|writer| {
+        let options = SimpleFileOptions::default().compression_method(DEFLATE);
+        for (name, bytes) in files {
+            writer.start_file(*name, options).unwrap();
+            writer.write_all(bytes).unwrap();
+        }
+    })
+}
+
+fn open(bytes: Vec<u8>) -> Result<Source, SourceError> {
+    Source::from_zip("anna.zip", bytes)
+}
+
+#[track_caller]
+fn refused(bytes: Vec<u8>) -> String {
+    open(bytes).unwrap_err().to_string()
+}
+
+fn sorted_names(source: &Source) -> Vec<String> {
+    let mut names = source.top_names().unwrap();
+    names.sort();
+    names
+}
+
+/// Replaces each occurrence of some bytes by others of the same number
+fn patched(mut bytes: Vec<u8>, from: &[u8], to: &[u8]) -> Vec<u8> {
+    assert_eq!(from.len(), to.len());
+    let mut found = 0;
+    for at in 0..=bytes.len() - from.len() {
+        if bytes[at..].starts_with(from) {
+            bytes[at..at + to.len()].copy_from_slice(to);
+            found += 1;
+        }
+    }
+    assert!(found > 0, "{from:?}");
+    bytes
+}
+
+#[test]
+fn memory_zip_and_folder_list_and_read_alike() {
+    let files: [(&str, &[u8]); 3] = [
+        ("000.jpg", b"photo"),
+        ("scan.json", b"{}"),
+        ("keypoints/000_keypoints.json", b"[]"),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("keypoints")).unwrap();
+    for (name, bytes) in files {
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+    }
+    let on_disk = folder.path().join("anna.zip");
+    let sources = [
+        Source::from_files("anna", files).unwrap(),
+        open(zip_of(&files)).unwrap(),
+        Source::open(folder.path()).unwrap(),
+        {
+            std::fs::write(&on_disk, zip_of(&files)).unwrap();
+            let source = Source::open(&on_disk).unwrap();
+            std::fs::remove_file(&on_disk).unwrap();
+            source
+        },
+    ];
+    for source in &sources {
+        assert_eq!(sorted_names(source), ["000.jpg", "scan.json"], "{source:?}");
+        for (name, bytes) in files {
+            assert!(source.contains(name) && source.is_inside(name));
+            assert_eq!(&*source.read(name, 5).unwrap(), bytes);
+        }
+        let kind = |name, limit| source.read(name, limit).unwrap_err().kind();
+        assert_eq!(kind("000.jpg", 4), io::ErrorKind::FileTooLarge);
+        assert_eq!(kind("001.jpg", 4), io::ErrorKind::NotFound);
+        assert_eq!(&*source.read("./000.jpg", 5).unwrap(), b"photo");
+    }
+    assert_eq!(sources[0].title(), "anna");
+    assert_eq!(sources[1].title(), "anna");
+    assert_eq!(sources[3].title(), "anna");
+}
+
+#[test]
+fn one_top_folder_is_looked_into_and_clutter_of_desktops_is_ignored() {
+    let source = open(zip_of(&[
+        ("anna/000.jpg", b"photo"),
+        ("anna/keypoints/000_keypoints.json", b"{}"),
+        ("anna/.DS_Store", b"x"),
+        ("__MACOSX/anna/._000.jpg", b"x"),
+        (".DS_Store", b"x"),
+    ]))
+    .unwrap();
+    assert_eq!(sorted_names(&source), ["000.jpg"]);
+    assert!(source.contains("keypoints/000_keypoints.json"));
+    let two = open(zip_of(&[("anna/000.jpg", b""), ("bert/000.jpg", b"")])).unwrap();
+    assert!(sorted_names(&two).is_empty());
+    assert!(two.contains("bert/000.jpg"));
+}
+
+#[test]
+fn names_that_leave_the_scan_are_refused() {
+    for name in [
+        "../a.jpg",
+        "a/../../b.jpg",
+        "/etc/passwd",
+        "a\\b.jpg",
+        "C:/a.jpg",
+        "a\0.jpg",
+        "..",
+    ] {
+        let message = refused(zip_of(&[("000.jpg", b"photo"), (name, b"x")]));
+        assert!(message.contains("leads out of the scan"), "{message}");
+        let memory = Source::from_files("anna", [(name, b"x".to_vec())]);
+        assert!(matches!(memory, Err(SourceError::NameLeaves { .. })));
+    }
+    assert!(stays_inside("a/b.jpg") && stays_inside("./a") && stays_inside("a..b"));
+    assert!(!stays_inside("") && !stays_inside("."));
+}
+
+#[test]
+fn links_twins_and_secrets_are_refused() {
+    let link = zipped(|writer| {
+        let options = SimpleFileOptions::default();
+        writer
+            .add_symlink("000.jpg", "/etc/passwd", options)
+            .unwrap();
+    });
+    assert!(refused(link).contains("000.jpg is a link"));
+    let twins = patched(
+        zip_of(&[("a.jpg", b"1"), ("b.jpg", b"2")]),
+        b"b.jpg",
+        b"a.jpg",
+    );
+    assert!(refused(twins).contains("twice"));
+    assert!(
+        refused(zip_of(&[("a.jpg", b"1"), ("./a.jpg", b"2")])).contains("a.jpg is contained twice")
+    );
+    assert!(Source::from_files("anna", [("a", [1]), ("./a", [2])]).is_err());
+    // The flag of encryption in the local and the central header of the one entry
+    let mut secret = zip_of(&[("a.jpg", b"1")]);
+    let central = secret.windows(4).position(|w| w == b"PK\x01\x02").unwrap();
+    secret[6] |= 1;
+    secret[central + 8] |= 1;
+    assert!(refused(secret).contains("a.jpg is encrypted"));
+    let mut other = zip_of(&[("a.jpg", b"1")]);
+    other[8] = 14;
+    other[central + 10] = 14;
+    let message = refused(other);
+    assert!(message.contains("a.jpg is compressed by"), "{message}");
+}
+
+#[test]
+fn bombs_are_refused() {
+    let zeros = vec![0; (1 << 20) + 1];
+    let message = refused(zip_of(&[("0.jpg", &zeros)]));
+    assert!(message.contains("times larger uncompressed"), "{message}");
+    let many = zipped(|writer| {
+        for index in 0..=MAX_ENTRY_COUNT {
+            let options = SimpleFileOptions::default();
+            writer.start_file(index.to_string(), options).unwrap();
+        }
+    });
+    assert!(refused(many).contains("10001 files"));
+    // Sizes that the central headers claim
+    let claims = |bytes: u32, entries: usize| {
+        let names: Vec<String> = (0..entries).map(|i| format!("{i}.jpg")).collect();
+        let files: Vec<(&str, &[u8])> = names.iter().map(|n| (&n[..], &b"x"[..])).collect();
+        let mut zip = zip_of(&files);
+        for at in 0..zip.len() - 4 {
+            if zip[at..].starts_with(b"PK\x01\x02") {
+                zip[at + 20..at + 24].copy_from_slice(&bytes.to_le_bytes());
+                zip[at + 24..at + 28].copy_from_slice(&bytes.to_le_bytes());
+            }
+        }
+        zip
+    };
+    assert!(refused(claims(600 << 20, 1)).contains("0.jpg has 629145600 bytes"));
+    assert!(refused(claims(500 << 20, 9)).contains("more than 4294967296 bytes"));
+}
+
+#[test]
+fn headers_that_lie_end_the_reading() {
+    let content = vec![7; 5000];
+    for claimed in [4999_u32, 5001] {
+        let mut zip = zip_of(&[("a.jpg", &content)]);
+        let central = zip.windows(4).position(|w| w == b"PK\x01\x02").unwrap();
+        zip[central + 24..central + 28].copy_from_slice(&claimed.to_le_bytes());
+        let error = open(zip).unwrap().read("a.jpg", 1 << 20).unwrap_err();
+        assert!(
+            error.to_string().contains("than its header says"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn what_is_no_zip_file_is_named_so() {
+    for bytes in [&b""[..], b"PK", b"\x89PNG\r\n\x1a\n....", b"Rar!\x1a\x07"] {
+        assert!(refused(bytes.to_vec()).contains("neither a folder nor a zip file"));
+    }
+    let whole = zip_of(&[("a.jpg", b"photo")]);
+    for length in 4..whole.len() {
+        let message = refused(whole[..length].to_vec());
+        assert!(message.contains("damaged zip file"), "{message}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn random_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        let mut zip = b"PK\x03\x04".to_vec();
+        zip.extend(&bytes);
+        prop_assert!(open(bytes).is_err());
+        prop_assert!(open(zip).is_err());
+    }
+
+    #[test]
+    fn changed_bits_never_panic(flips in prop::collection::vec((any::<prop::sample::Index>(), 0..8_u8), 1..4)) {
+        let content: Vec<u8> = (0..2000_u32).map(|i| (i * i / 7) as u8).collect();
+        let mut zip = zip_of(&[("anna/000.jpg", &content), ("anna/scan.json", b"{ }")]);
+        for (at, bit) in flips {
+            let at = at.index(zip.len());
+            zip[at] ^= 1 << bit;
+        }
+        if let Ok(source) = open(zip) {
+            for name in source.top_names().unwrap() {
+                if let Ok(bytes) = source.read(&name, 1 << 20) {
+                    prop_assert!(bytes.len() <= 1 << 20);
+                }
+            }
+        }
+    }
+}
