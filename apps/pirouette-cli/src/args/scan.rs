@@ -10,7 +10,7 @@ use pirouette_files::job;
 /// Arguments of the main job and its stages
 #[derive(Debug, Args)]
 pub struct ScanArgs {
-    /// Folder of photos with keypoint files, perhaps a scan.json
+    /// Folder of photos with keypoint files, perhaps a scan.json, or a zip file of it
     #[arg(value_name = "SCAN")]
     pub scan: PathBuf,
 
@@ -168,6 +168,7 @@ the measures: details tell what came from pixels and what from them. The age is 
 
 Examples:
   pirouette scan photos/anna
+  pirouette scan anna.zip -o anna
   pirouette scan photos/anna --scale card --export csv,seamly2d
   pirouette scan photos/anna -o anna --format ply,glb --report
   pirouette scan photos/anna --method three-step --no-refine

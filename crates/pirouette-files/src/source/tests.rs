@@ -197,10 +197,12 @@ fn headers_that_lie_end_the_reading() {
         let mut zip = zip_of(&[("a.jpg", &content)]);
         let central = zip.windows(4).position(|w| w == b"PK\x01\x02").unwrap();
         zip[central + 24..central + 28].copy_from_slice(&claimed.to_le_bytes());
+        // The archive finds a larger file itself; a smaller one is ours to find.
         let error = open(zip).unwrap().read("a.jpg", 1 << 20).unwrap_err();
+        let message = error.to_string();
         assert!(
-            error.to_string().contains("than its header says"),
-            "{error}"
+            message.contains("uncompressed size") || message.contains("its header says"),
+            "{message}"
         );
     }
 }
