@@ -193,7 +193,8 @@ fn without_path(error: io::Error) -> io::Error {
     }
 }
 
-#[cfg(all(test, feature = "folders"))]
+#[cfg(test)]
+#[cfg(feature = "folders")]
 mod tests {
     use super::*;
 

@@ -129,7 +129,9 @@ fn a_job_reports_what_it_left_out_and_where_the_scale_comes_from() {
         &mut |event| match event {
             JobEvent::ViewFailed(failed) => events.push(failed.to_string()),
             JobEvent::CardNotNeeded => events.push("no card".to_owned()),
-            JobEvent::Pipeline(Event::StageDone { stage, .. }) if stage == Stage::Load => {
+            JobEvent::Pipeline(Event::StageDone {
+                stage: Stage::Load, ..
+            }) => {
                 events.push("loaded".to_owned());
             }
             _ => {}

@@ -372,5 +372,6 @@ fn common_field_of_view(
     Some(fields_of_view[fields_of_view.len() / 2])
 }
 
-#[cfg(all(test, feature = "folders"))]
+#[cfg(test)]
+#[cfg(feature = "folders")]
 mod tests;

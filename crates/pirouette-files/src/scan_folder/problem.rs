@@ -35,6 +35,7 @@ pub enum ScanError {
 
 impl ScanError {
     /// The error of a source at a path
+    #[cfg(feature = "folders")]
     pub(super) fn of_source(path: PathBuf, error: SourceError) -> Self {
         match error {
             SourceError::Read(source) => ScanError::Read { path, source },

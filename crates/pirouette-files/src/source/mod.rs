@@ -245,5 +245,6 @@ fn read_bounded(reader: impl Read, limit: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-#[cfg(all(test, feature = "folders"))]
+#[cfg(test)]
+#[cfg(feature = "folders")]
 mod tests;
