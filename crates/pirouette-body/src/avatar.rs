@@ -1,21 +1,21 @@
-//! The reference figure: a closed skinned surface in the reference pose, with named joints.
+//! The avatar: a closed skinned surface in the reference pose, with named joints.
 //!
 //! World frame, millimeters: soles on y = 0, facing +z, the person's left at +x. The turning axis, x = z = 0, passes
-//! behind the point midway between the hip joints, by [`TURNING_AXIS_BEHIND_HIPS`]; so the hips lie at a small
-//! positive z, the ankles of the mannequin a little farther in front.
+//! behind the midpoint of the hip joints, by [`TURNING_AXIS_BEHIND_HIPS`]. The hips therefore lie at a small positive
+//! z, and the ankles of the mannequin slightly farther in front.
 
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 
 use crate::{Bone, Joint, ReferencePose, SkinWeight};
 
-/// How far behind the middle of the hip joints the turning axis of a body runs, as a share of the stature
+/// Distance of the turning axis behind the midpoint of the hip joints, as a share of the stature
 ///
-/// People who turn on the spot turn on their heels: ankles and hips stay a little before the axis. Imported figures are
-/// moved there; the mannequin is built so.
+/// People who turn on the spot turn on their heels: ankles and hips remain slightly in front of the axis. Imported
+/// avatars are shifted accordingly; the mannequin is built this way.
 pub const TURNING_AXIS_BEHIND_HIPS: f64 = 0.004;
 
-/// A skinned reference figure in its reference pose
+/// A skinned body in its reference pose
 #[derive(Debug, Clone)]
 pub struct Avatar {
     /// Closed surface, mm
@@ -24,16 +24,16 @@ pub struct Avatar {
     pub weights: Vec<SkinWeight>,
     /// Head (upper end, turning point) of each bone, mm
     pub bone_heads: [DVec3; Bone::COUNT],
-    /// Where a keypoint detector would place each joint, mm; each hangs on `Joint::bone`
+    /// Position at which a keypoint detector would place each joint, mm; each is attached to `Joint::bone`
     ///
     /// The neck is the middle of the shoulders and the mid hip the middle of the hips.
     pub keypoints: [DVec3; Joint::COUNT],
-    /// The pose it stands in
+    /// Reference pose of the surface
     pub pose: ReferencePose,
 }
 
 impl Avatar {
-    /// The same figure at another height, in mm
+    /// Returns the same avatar scaled to another stature, in mm
     pub fn scaled_to(mut self, stature_mm: f64) -> Self {
         let scale = stature_mm / self.stature_mm();
         if scale.is_finite() && scale > 0.0 {
@@ -50,10 +50,10 @@ impl Avatar {
         self
     }
 
-    /// Checks what every stage relies on
+    /// Checks the invariants that every stage relies on
     ///
     /// # Errors
-    /// The first defect found.
+    /// Returns the first defect found.
     pub fn check(&self) -> Result<(), AvatarDefect> {
         let count = self.mesh.positions.len();
         if self.weights.len() != count {
@@ -78,18 +78,18 @@ impl Avatar {
         Ok(())
     }
 
-    /// Height of the surface, in mm
+    /// Returns the height of the surface, in mm
     pub fn stature_mm(&self) -> f64 {
         self.mesh.bounds().map_or(0.0, |(lo, hi)| hi.y - lo.y)
     }
 }
 
-/// How far, as a share of the stature, soles may be from the floor
+/// Largest distance of the soles from the floor, as a share of the stature
 const FLOOR_SLACK: f64 = 0.003;
 
-/// What is wrong with an avatar
+/// A defect of an avatar
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum AvatarDefect {
     #[error("{weights} skinning weights for {vertices} vertices")]
     Weights { weights: usize, vertices: usize },

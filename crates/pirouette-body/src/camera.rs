@@ -1,7 +1,7 @@
-//! The static pinhole camera before which the person turns.
+//! The static pinhole camera in front of which the person turns.
 //!
-//! The *room* frame is the world frame (millimeters, y up, origin on the floor on the turning axis) that
-//! stays with the camera; the person turns in it. The camera stands on the +z axis and looks along -z.
+//! The *room* frame is the world frame (millimeters, y up, origin on the floor on the turning axis) fixed to the
+//! camera; the person turns in it. The camera stands on the +z axis and looks along -z.
 
 use glam::{DVec2, DVec3};
 
@@ -23,7 +23,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The same camera for photos of another camera's size
+    /// Returns the same camera with the photo size of another camera
     pub fn with_size_of(self, other: &Self) -> Self {
         Self {
             width_px: other.width_px,
@@ -32,17 +32,17 @@ impl Camera {
         }
     }
 
-    /// Focal length in pixels
+    /// Returns the focal length in pixels
     pub fn focal_px(&self) -> f64 {
         self.height_px as f64 / (2.0 * (self.vertical_fov_radians / 2.0).tan())
     }
 
-    /// Center of projection in the room, in mm
+    /// Returns the center of projection in the room, in mm
     pub fn center(&self) -> DVec3 {
         DVec3::new(0.0, self.height_mm, self.distance_mm)
     }
 
-    /// The same camera with other pixels: `scale` times as many columns and rows, at least one
+    /// Returns the same camera with `scale` times as many columns and rows, at least one of each
     pub fn scaled(&self, scale: f64) -> Self {
         let scaled = |size: usize| ((size as f64 * scale).round() as usize).max(1);
         Self {
@@ -52,7 +52,7 @@ impl Camera {
         }
     }
 
-    /// The same camera, ready to project many points
+    /// Precomputes the trigonometry for projecting many points
     pub fn projector(&self) -> Projector {
         let (sin, cos) = self.pitch_radians.sin_cos();
         Projector {
@@ -65,29 +65,29 @@ impl Camera {
         }
     }
 
-    /// The camera's view frame (x right, y down, z forward, in mm) of a point in the room
+    /// Transforms a room point to the camera's view frame (x right, y down, z forward, in mm)
     pub fn view_from_room(&self, point: DVec3) -> DVec3 {
         self.projector().view_from_room(point)
     }
 
-    /// Depth of a room point along the optical axis, in mm; positive before the camera
+    /// Returns the depth of a room point along the optical axis, in mm; positive in front of the camera
     pub fn depth(&self, point: DVec3) -> f64 {
         self.view_from_room(point).z
     }
 
-    /// Photo coordinates of a room point, in px
+    /// Projects a room point to photo coordinates, in px
     ///
     /// Meaningless for points at or behind the camera; see [`Camera::depth`].
     pub fn project(&self, point: DVec3) -> DVec2 {
         self.projector().project(point)
     }
 
-    /// Gradients of photo x and photo y with respect to the room point, in px per mm
+    /// Returns the gradients of photo x and photo y with respect to the room point, in px per mm
     pub fn project_gradients(&self, point: DVec3) -> [DVec3; 2] {
         self.projector().project_gradients(point)
     }
 
-    /// Direction in the room of the ray through a photo point, of unit length
+    /// Returns the unit direction in the room of the ray through a photo point
     pub fn ray(&self, photo: DVec2) -> DVec3 {
         let (sin, cos) = self.pitch_radians.sin_cos();
         let focal = self.focal_px();
@@ -98,7 +98,7 @@ impl Camera {
     }
 }
 
-/// A camera whose angles are worked out, to project many points
+/// A camera with precomputed trigonometry, for projecting many points
 #[derive(Debug, Clone, Copy)]
 pub struct Projector {
     height_mm: f64,
@@ -110,7 +110,7 @@ pub struct Projector {
 }
 
 impl Projector {
-    /// As [`Camera::view_from_room`]
+    /// Like [`Camera::view_from_room`]
     pub fn view_from_room(&self, point: DVec3) -> DVec3 {
         let (sin, cos) = (self.sin, self.cos);
         let up = point.y - self.height_mm;
@@ -118,17 +118,17 @@ impl Projector {
         DVec3::new(point.x, -(up * cos) - ahead * sin, ahead * cos - up * sin)
     }
 
-    /// As [`Camera::project`]
+    /// Like [`Camera::project`]
     pub fn project(&self, point: DVec3) -> DVec2 {
         self.photo_from_view(self.view_from_room(point))
     }
 
-    /// Photo coordinates of a point in the view frame, in px
+    /// Projects a point in the view frame to photo coordinates, in px
     pub fn photo_from_view(&self, view: DVec3) -> DVec2 {
         self.middle + view.truncate() * (self.focal_px / view.z)
     }
 
-    /// As [`Camera::project_gradients`]
+    /// Like [`Camera::project_gradients`]
     pub fn project_gradients(&self, point: DVec3) -> [DVec3; 2] {
         let view = self.view_from_room(point);
         let scale = self.focal_px / view.z;
@@ -171,13 +171,13 @@ mod tests {
     }
 
     #[test]
-    fn looking_down_lifts_what_is_ahead() {
+    fn looking_down_moves_points_ahead_up_in_the_photo() {
         let ahead = DVec3::new(0.0, 900.0, 0.0);
         assert!(camera().project(ahead).y < 500.0);
     }
 
     #[test]
-    fn gradients_match_differences() {
+    fn gradients_match_finite_differences() {
         let camera = camera();
         let p = DVec3::new(120.0, 1500.0, 80.0);
         let [gx, gy] = camera.project_gradients(p);

@@ -1,7 +1,7 @@
-//! Where a keypoint detector would place its joints on a skinned body.
+//! Keypoint positions of a skinned body as a detector would place them.
 //!
-//! Limb joints are the heads of the bones. Face and feet are found on the surface: detectors are trained on what
-//! annotators click in photos, and those click on noses and toes, not on bones.
+//! Limb joints are the heads of the bones. Face and feet points are found on the surface: detectors are trained on the
+//! clicks of annotators, who mark noses and toes in photos, not bones.
 
 use std::f64::consts::FRAC_PI_4;
 
@@ -11,43 +11,43 @@ use pirouette_geom::TriMesh;
 use crate::SkinWeight;
 use crate::{Bone, Joint};
 
-/// Where the nose is sought, as shares of the head's height from below
+/// Height range searched for the nose, as shares of the head's height from below
 ///
-/// Above it brows and hair reach forward, below it the chin.
+/// Above this range brows and hair protrude, below it the chin.
 const NOSE_ZONE: [f64; 2] = [0.2, 0.6];
 
-/// Heights at which the profile of the face is sampled: about every 2 mm
+/// Number of heights at which the profile of the face is sampled: about every 2 mm
 const NOSE_SAMPLES: u32 = 48;
 
-/// Eyes above the nose and beside the middle, as shares of the stature, for rigs without eyes
+/// Offset of the eyes above the nose and from the middle, as shares of the stature, for rigs without eyes
 const EYE_ABOVE_NOSE: f64 = 0.016;
 const EYE_BESIDE_MIDDLE: f64 = 0.018;
 
 /// Distance from the middle of an eye to its lids and corners, as a share of the stature
 const LID_RADIUS: f64 = 0.0065;
 
-/// Half the height, as a share of the stature, of the zone around the eyes in which ears stick out
+/// Half the height of the zone around the eyes in which ears protrude, as a share of the stature
 const EAR_ZONE: f64 = 0.022;
 
-/// The big and the small toe along the foot, as shares of its length from the heel
+/// Positions of the big and the small toe along the foot, as shares of its length from the heel
 const BIG_TOE_ALONG: f64 = 0.88;
 const SMALL_TOE_ALONG: f64 = 0.73;
 
-/// How far the toes lie from the inner and the outer edge of the foot, as shares of its width there
+/// Distances of the toes from the inner and the outer edge of the foot, as shares of its width there
 const BIG_TOE_INSET: f64 = 0.2;
 const SMALL_TOE_INSET: f64 = 0.06;
 
-/// Where the middle of the heel is taken, as a share of the foot's length
+/// Position of the section through the heel whose middle is used, as a share of the foot's length
 const HEEL_SECTION: f64 = 0.03;
 
 /// Height of toes and heel above the floor, as a share of the stature
 const FOOT_POINT_HEIGHT: f64 = 0.0128;
 
-/// Finds all 25 points, in mm, of a body that stands on the floor and faces +z
+/// Finds all 25 keypoints, in mm, of a body that stands on the floor and faces +z
 ///
-/// `eyes` are the centers of the left and the right eyeball, where they are known. Bodies without a head or feet
-/// get the bone's head instead of points on them.
-pub(crate) fn find(
+/// `eyes` are the centers of the left and the right eyeball, where known. For bodies without a head or feet, the points
+/// on them fall back to the head of the bone.
+pub(crate) fn find_keypoints(
     mesh: &TriMesh,
     weights: &[SkinWeight],
     heads: &[DVec3; Bone::COUNT],
@@ -138,7 +138,7 @@ impl Face {
             let guess =
                 nose + DVec3::new(side(i) * EYE_BESIDE_MIDDLE, EYE_ABOVE_NOSE, 0.0) * stature;
             let eye = eyes[i].unwrap_or(guess);
-            // Around the eye: bodies without eyeballs have hollows there.
+            // Samples around the eye: bodies without eyeballs have hollows there.
             let mut lids: Vec<f64> = (0..8)
                 .filter_map(|k| {
                     let (sin, cos) = (f64::from(k) * FRAC_PI_4).sin_cos();
@@ -168,7 +168,7 @@ impl Face {
     }
 }
 
-/// The triangles that touch vertices of a bone
+/// Collects the triangles that touch vertices of a bone
 fn triangles_of(mesh: &TriMesh, weights: &[SkinWeight], bone: Bone) -> Vec<[DVec3; 3]> {
     let of_bone: Vec<bool> = weights.iter().map(|w| w.strongest() == bone).collect();
     (0..mesh.triangles.len())
@@ -177,7 +177,7 @@ fn triangles_of(mesh: &TriMesh, weights: &[SkinWeight], bone: Bone) -> Vec<[DVec
         .collect()
 }
 
-/// The most forward z of triangles on the line along z through `(x, y)`
+/// Returns the frontmost z of triangles on the line along z through `(x, y)`
 fn surface_before(triangles: &[[DVec3; 3]], x: f64, y: f64) -> Option<f64> {
     let p = DVec2::new(x, y);
     triangles
@@ -190,7 +190,7 @@ fn surface_before(triangles: &[[DVec3; 3]], x: f64, y: f64) -> Option<f64> {
                 (a - c).perp_dot(p - c) / area,
                 (b - a).perp_dot(p - a) / area,
             ];
-            // also false for triangles without area
+            // also false for triangles of zero area
             weights.iter().all(|&w| w >= 0.0).then(|| {
                 let by_corner = corners.iter().zip(weights);
                 by_corner.map(|(q, w)| q.z * w).sum::<f64>()
@@ -199,7 +199,7 @@ fn surface_before(triangles: &[[DVec3; 3]], x: f64, y: f64) -> Option<f64> {
         .max_by(f64::total_cmp)
 }
 
-/// Big toe, small toe and heel
+/// Finds big toe, small toe and heel
 fn foot_points(
     triangles: &[[DVec3; 3]],
     ankle: DVec3,

@@ -1,8 +1,8 @@
 //! Poses: one rotation per bone relative to the reference pose, forward kinematics and skinning.
 //!
-//! In the reference pose (A or T) all rotations are zero. A pose carries points of the reference pose (world
-//! frame) into the room: every bone turns about its head, children follow their parents, and the root
-//! turns with the person, leans about the origin and shifts.
+//! In the reference pose (A or T) all rotations are zero. A pose maps points of the reference pose (world frame) into
+//! the room: every bone rotates about its head, children follow their parents, and the root rotates with the turn of
+//! the person, leans about the origin and shifts.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
@@ -14,9 +14,9 @@ use crate::TurnAngle;
 pub struct Pose {
     /// Rotation vector of each bone about its head, along the axes of the reference pose, in radians
     ///
-    /// The root's is the lean of the whole body about the origin, along the axes of the room, after the turn.
+    /// The root's is the lean of the complete body about the origin, along the axes of the room, after the turn.
     pub rotations: [DVec3; Bone::COUNT],
-    /// Shift of the whole body in the room, in mm
+    /// Shift of the complete body in the room, in mm
     pub shift_mm: DVec3,
 }
 
@@ -33,7 +33,7 @@ impl Pose {
     /// Number of parameters: three rotations per bone, bone by bone, then the shift
     pub const PARAMETER_COUNT: usize = 3 * Bone::COUNT + 3;
 
-    /// All parameters: rotations in radians, bone by bone, then the shift in mm
+    /// Returns all parameters: rotations in radians, bone by bone, then the shift in mm
     pub fn to_parameters(&self) -> [f64; Self::PARAMETER_COUNT] {
         let mut parameters = [0.0; Self::PARAMETER_COUNT];
         let vectors = self.rotations.iter().chain([&self.shift_mm]);
@@ -43,7 +43,7 @@ impl Pose {
         parameters
     }
 
-    /// The inverse of [`Pose::to_parameters`]
+    /// Builds a pose from parameters; the inverse of [`Pose::to_parameters`]
     pub fn from_parameters(parameters: &[f64; Self::PARAMETER_COUNT]) -> Self {
         let mut pose = Self::default();
         let vectors = pose.rotations.iter_mut().chain([&mut pose.shift_mm]);
@@ -53,10 +53,10 @@ impl Pose {
         pose
     }
 
-    /// Prior standard deviation of each parameter, in radians and mm
+    /// Returns the prior standard deviation of each parameter, in radians and mm
     ///
-    /// How far people who try to stand still drift: found on rendered sway and kept tight where
-    /// silhouettes and keypoints say little (twist of the shins, rise of the root).
+    /// The drift of people who try to stand still: determined on rendered sway and kept tight where silhouettes and
+    /// keypoints constrain the parameter weakly (twist of the shins, rise of the root).
     pub fn prior_sigmas() -> [f64; Self::PARAMETER_COUNT] {
         let mut sigmas = Self::default();
         for bone in Bone::ALL {
@@ -81,7 +81,7 @@ impl Pose {
     }
 }
 
-/// A body in one pose: for each bone, where it carries points of the reference pose
+/// A body in one pose: the transform of each bone from the reference pose
 #[derive(Debug, Clone)]
 pub struct PosedBones {
     /// `room_from_reference`, one per bone
@@ -93,11 +93,11 @@ pub struct PosedBones {
 /// The axis and the pivot in the room of one rotation parameter, or the direction of a shift
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Motion {
-    /// `d point = axis x (point - pivot)`, for points that hang on the bone
+    /// `d point = axis x (point - pivot)`, for points attached to the bone
     Rotation {
         /// Axis in the room; its length is the rate
         axis: DVec3,
-        /// Point that stays, in mm
+        /// Fixed point of the rotation, in mm
         pivot: DVec3,
     },
     /// `d point = direction`, for all points
@@ -108,7 +108,7 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// Velocity in the room of a point that moves fully with the bone
+    /// Returns the velocity in the room of a point that moves fully with the bone
     pub fn velocity(&self, point: DVec3) -> DVec3 {
         match *self {
             Motion::Rotation { axis, pivot } => axis.cross(point - pivot),
@@ -146,17 +146,17 @@ pub fn pose_bones(heads: &[DVec3; Bone::COUNT], pose: &Pose, turn: TurnAngle) ->
 }
 
 impl PosedBones {
-    /// Where a point of the reference pose that belongs to one bone lies in the room
+    /// Maps a point of the reference pose that belongs to one bone into the room
     pub fn carry(&self, bone: Bone, point: DVec3) -> DVec3 {
         self.transforms[bone as usize].transform_point3(point)
     }
 
-    /// The bone's head in the room
+    /// Returns the bone's head in the room
     pub fn head(&self, bone: Bone) -> DVec3 {
         self.carry(bone, self.heads[bone as usize])
     }
 
-    /// Blend of the bones' transforms for one skinned vertex (linear blend skinning)
+    /// Blends the bones' transforms for one skinned vertex (linear blend skinning)
     pub fn blend(&self, weight: &SkinWeight) -> DAffine3 {
         let mut matrix3 = DMat3::ZERO;
         let mut translation = DVec3::ZERO;
@@ -171,7 +171,7 @@ impl PosedBones {
         }
     }
 
-    /// All vertices of a skinned surface in the room
+    /// Maps all vertices of a skinned surface into the room
     pub fn skin(&self, positions: &[DVec3], weights: &[SkinWeight]) -> Vec<DVec3> {
         positions
             .iter()
@@ -180,11 +180,12 @@ impl PosedBones {
             .collect()
     }
 
-    /// Motion of one parameter (in the order of [`Pose::to_parameters`]): exact derivative of the posed points
+    /// Returns the motion of one parameter (in the order of [`Pose::to_parameters`]): the exact derivative of the posed
+    /// points
     ///
-    /// A point with skinning weights moves by the sum of its weights over the bone and its descendants times
-    /// the velocity (for blended points this is the usual approximation: the blended point instead of
-    /// each bone's own copy of it).
+    /// A point with skinning weights moves by the sum of its weights over the bone and its descendants times the
+    /// velocity (for blended points this is the usual approximation: it uses the blended point instead of each bone's
+    /// copy of it).
     ///
     /// # Panics
     /// When `parameter` is not below [`Pose::PARAMETER_COUNT`].
@@ -210,7 +211,7 @@ impl PosedBones {
     }
 }
 
-/// Column `k` of the left Jacobian of the rotation group at rotation vector `r`
+/// Computes column `k` of the left Jacobian of the rotation group at rotation vector `r`
 fn rotation_rate(r: DVec3, k: usize) -> DVec3 {
     let e = DVec3::AXES[k];
     let angle = r.length();
@@ -223,7 +224,7 @@ fn rotation_rate(r: DVec3, k: usize) -> DVec3 {
         + r.cross(r.cross(e)) * ((angle - sin) / (angle * angle * angle))
 }
 
-/// Which bones move a vertex, and how much: at most four, weights sum to 1
+/// The bones that move a vertex with their weights: at most four, weights sum to 1
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SkinWeight {
     bones: [Bone; 4],
@@ -231,7 +232,7 @@ pub struct SkinWeight {
 }
 
 impl SkinWeight {
-    /// Moves with one bone alone
+    /// Attaches a vertex to one bone only
     pub fn rigid(bone: Bone) -> Self {
         Self {
             bones: [bone; 4],
@@ -239,7 +240,7 @@ impl SkinWeight {
         }
     }
 
-    /// Keeps the four largest weights and scales them to sum 1; rigid to the root when none is positive
+    /// Keeps the four largest weights and normalizes their sum to 1; rigid to the root when none is positive
     pub fn from_all(all: &[f64; Bone::COUNT]) -> Self {
         let mut order: [usize; Bone::COUNT] = std::array::from_fn(|i| i);
         order.sort_by(|&a, &b| all[b].total_cmp(&all[a]));
@@ -253,7 +254,7 @@ impl SkinWeight {
         }
     }
 
-    /// The bones with a positive weight
+    /// Iterates over the bones with a positive weight
     pub fn iter(&self) -> impl Iterator<Item = (Bone, f64)> + '_ {
         self.bones
             .iter()
@@ -262,7 +263,7 @@ impl SkinWeight {
             .filter(|&(_, w)| w > 0.0)
     }
 
-    /// Weight of one bone
+    /// Returns the weight of one bone
     pub fn of(&self, bone: Bone) -> f64 {
         self.iter()
             .filter(|&(b, _)| b == bone)
@@ -270,7 +271,7 @@ impl SkinWeight {
             .sum()
     }
 
-    /// Sum of the weights over a bone and all that hangs on it
+    /// Sums the weights over a bone and its descendants
     pub fn below(&self, ancestor: Bone) -> f64 {
         self.iter()
             .filter(|(b, _)| b.descends_from(ancestor))
@@ -278,7 +279,7 @@ impl SkinWeight {
             .sum()
     }
 
-    /// The bone with the largest weight
+    /// Returns the bone with the largest weight
     pub fn strongest(&self) -> Bone {
         let mut best = (self.bones[0], self.weights[0]);
         for (bone, weight) in self.iter() {
@@ -307,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_go_in_and_out() {
+    fn parameters_survive_a_round_trip() {
         let pose = some_pose();
         assert_eq!(Pose::from_parameters(&pose.to_parameters()), pose);
     }
@@ -324,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn motions_match_differences() {
+    fn motions_match_finite_differences() {
         let (heads, pose, turn) = (heads(), some_pose(), TurnAngle::from_degrees(70.0));
         let posed = pose_bones(&heads, &pose, turn);
         let p = DVec3::new(120.0, 950.0, -40.0);

@@ -5,7 +5,7 @@ use glam::DVec2;
 /// A joint or face point of OpenPose's BODY_25 model, in its order; left and right are the person's own
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names are self-explanatory")]
 pub enum Joint {
     Nose,
     Neck,
@@ -67,7 +67,7 @@ impl Joint {
         Joint::RightHeel,
     ];
 
-    /// Name in files, in snake case
+    /// Returns the name used in files, in snake case
     pub fn name(self) -> &'static str {
         const NAMES: [&str; Joint::COUNT] = [
             "nose",
@@ -99,7 +99,7 @@ impl Joint {
         NAMES[self as usize]
     }
 
-    /// The same joint of the other side; middle joints are their own mirror
+    /// Returns the same joint of the other side; middle joints map to themselves
     pub fn mirrored(self) -> Joint {
         const MIRROR: [usize; Joint::COUNT] = [
             0, 1, 5, 6, 7, 2, 3, 4, 8, 12, 13, 14, 9, 10, 11, 16, 15, 18, 17, 22, 23, 24, 19, 20,
@@ -108,7 +108,7 @@ impl Joint {
         Joint::ALL[MIRROR[self as usize]]
     }
 
-    /// The bone that carries the joint
+    /// Returns the bone that the joint is attached to
     pub fn bone(self) -> Bone {
         match self {
             Joint::Nose | Joint::RightEye | Joint::LeftEye | Joint::RightEar | Joint::LeftEar => {
@@ -139,7 +139,7 @@ impl Joint {
 /// A bone of the posable body; parents come before their children
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names are self-explanatory")]
 pub enum Bone {
     Root,
     LowerSpine,
@@ -189,7 +189,7 @@ impl Bone {
         Bone::RightFoot,
     ];
 
-    /// Name in files, in snake case
+    /// Returns the name used in files, in snake case
     pub fn name(self) -> &'static str {
         const NAMES: [&str; Bone::COUNT] = [
             "root",
@@ -215,7 +215,7 @@ impl Bone {
         NAMES[self as usize]
     }
 
-    /// The bone that this one hangs on, `None` for the root
+    /// Returns the bone that this one is attached to, `None` for the root
     pub fn parent(self) -> Option<Bone> {
         use Bone::*;
         Some(match self {
@@ -237,7 +237,7 @@ impl Bone {
         })
     }
 
-    /// The same bone of the other side; middle bones are their own mirror
+    /// Returns the same bone of the other side; middle bones map to themselves
     pub fn mirrored(self) -> Bone {
         let index = self as usize;
         match index {
@@ -247,7 +247,7 @@ impl Bone {
         }
     }
 
-    /// Whether this bone is `ancestor` or hangs on it, however far down
+    /// Returns whether this bone is `ancestor` or one of its direct or indirect descendants
     pub fn descends_from(self, ancestor: Bone) -> bool {
         let mut bone = Some(self);
         while let Some(b) = bone {
@@ -265,7 +265,7 @@ impl Bone {
 pub struct Keypoint {
     /// Photo coordinates, in px
     pub position: DVec2,
-    /// Confidence of the detector, 0 to 1; 0 is not found
+    /// Confidence of the detector, 0 to 1; 0 means not found
     pub confidence: f64,
 }
 
@@ -286,7 +286,7 @@ impl Keypoints {
         Self { points }
     }
 
-    /// The joint as detected, whatever its confidence
+    /// Returns the joint as detected, regardless of its confidence
     pub fn get(&self, joint: Joint) -> Keypoint {
         self.points[joint as usize]
     }
@@ -296,13 +296,13 @@ impl Keypoints {
         self.points[joint as usize] = keypoint;
     }
 
-    /// The joint if it was found
+    /// Returns the joint if it was found
     pub fn found(&self, joint: Joint) -> Option<Keypoint> {
         let keypoint = self.get(joint);
         (keypoint.confidence > Self::MIN_CONFIDENCE).then_some(keypoint)
     }
 
-    /// Number of joints found
+    /// Returns the number of joints found
     pub fn found_count(&self) -> usize {
         Joint::ALL
             .iter()
@@ -310,7 +310,7 @@ impl Keypoints {
             .count()
     }
 
-    /// Every joint with its keypoint
+    /// Iterates over all joints with their keypoints
     pub fn iter(&self) -> impl Iterator<Item = (Joint, Keypoint)> + '_ {
         Joint::ALL.iter().map(|&j| (j, self.get(j)))
     }
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn mirroring_twice_is_nothing_and_swaps_names() {
+    fn mirroring_twice_is_the_identity_and_mirroring_swaps_names() {
         for joint in Joint::ALL {
             assert_eq!(joint.mirrored().mirrored(), joint);
             assert_eq!(joint.mirrored().bone(), joint.bone().mirrored());

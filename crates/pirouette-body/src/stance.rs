@@ -1,4 +1,4 @@
-//! Puts the arms of a body into the reference pose.
+//! Moves the arms of a body into the reference pose.
 
 use glam::{DQuat, DVec3};
 
@@ -7,20 +7,21 @@ use crate::TurnAngle;
 use crate::{Avatar, ReferencePose};
 use crate::{Pose, pose_bones};
 
-/// Arms that stand within this angle of the pose asked for stay as they are
+/// Arms within this angle of the requested pose are left unchanged
 ///
-/// Skinning that bends a shoulder by a few degrees costs more shape than such an angle is worth.
+/// Bending a shoulder by a few degrees with skinning distorts the shape more than such an angle matters.
 const TOLERANCE_DEGREES: f64 = 8.0;
 
-/// Share of an arm's lift that the collar bone makes, so that the shoulder rises with the arm
+/// Share of an arm's lift that the clavicle contributes, so that the shoulder rises with the arm
 ///
-/// Arms that are lifted by the shoulder joint alone leave a notch above it.
+/// Lifting arms by the shoulder joint alone leaves a notch above it.
 const CLAVICLE_LIFT_SHARE: f64 = 0.2;
 
-/// Lifts the upper arms to the pose's angle and bends the elbows to its bend, where they are off by much
+/// Lifts the upper arms to the pose's angle and bends the elbows to its bend, where the difference exceeds the
+/// tolerance
 ///
-/// Keypoints are not touched.
-pub(crate) fn take(avatar: &mut Avatar, pose: ReferencePose) {
+/// Keypoints are not changed.
+pub(crate) fn pose_arms(avatar: &mut Avatar, pose: ReferencePose) {
     lift_arms(avatar, pose.arm_angle_degrees());
     bend_elbows(avatar, pose.elbow_bend_degrees());
     if let Some((low, _)) = avatar.mesh.bounds() {

@@ -1,8 +1,8 @@
-//! Who is scanned and how they stand.
+//! The subject of a scan: sex and stance.
 
 /// Sex of a mannequin; neutral is halfway between the average woman and the average man
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names are self-explanatory")]
 pub enum Sex {
     Female,
     Male,
@@ -11,7 +11,7 @@ pub enum Sex {
 }
 
 impl Sex {
-    /// Name in files
+    /// Returns the name used in files
     pub fn name(self) -> &'static str {
         match self {
             Sex::Female => "female",
@@ -20,7 +20,7 @@ impl Sex {
         }
     }
 
-    /// Mean stature of the survey's persons, in mm
+    /// Returns the mean stature of the people in the survey, in mm
     pub fn mean_stature_mm(self) -> f64 {
         match self {
             Sex::Female => 1628.0,
@@ -30,7 +30,7 @@ impl Sex {
     }
 }
 
-/// The pose in which people stand, and to which their silhouettes are normalized
+/// The pose in which people stand and to which their silhouettes are normalized
 ///
 /// A relaxed stance: elbows bent forward, legs a little apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -43,7 +43,7 @@ pub enum ReferencePose {
 }
 
 impl ReferencePose {
-    /// Angle of the upper arms below the horizontal, in degrees
+    /// Returns the angle of the upper arms below the horizontal, in degrees
     pub fn arm_angle_degrees(self) -> f64 {
         match self {
             ReferencePose::A => 48.0,
@@ -51,7 +51,7 @@ impl ReferencePose {
         }
     }
 
-    /// Angle by which the forearms point forward out of the frontal plane, in degrees
+    /// Returns the angle by which the forearms point forward out of the frontal plane, in degrees
     pub fn elbow_bend_degrees(self) -> f64 {
         43.0
     }

@@ -1,8 +1,8 @@
 //! Body dimensions by sex, stature and mass: regressions on the ANSUR II survey.
 //!
 //! # Source
-//! Gordon et al. 2014, *2012 Anthropometric Survey of U.S. Army Personnel*, Natick/TR-15/007. How the regressions were
-//! made is described in `assets/README.md`.
+//! Gordon et al. 2014, *2012 Anthropometric Survey of U.S. Army Personnel: Methods and Summary Statistics*,
+//! Natick/TR-15/007. `assets/README.md` of this crate describes how the regressions were fitted.
 
 use std::sync::LazyLock;
 
@@ -13,7 +13,7 @@ const TABLE: &str = include_str!("../assets/ansur2_regressions.csv");
 static REGRESSIONS: LazyLock<Vec<Regression>> =
     LazyLock::new(|| TABLE.lines().skip(1).map(parse_row).collect());
 
-/// One dimension of one sex as a linear function of stature and of the root of mass over stature
+/// One dimension of one sex as a linear function of the stature and of the square root of mass over stature
 #[derive(Debug, Clone, PartialEq)]
 pub struct Regression {
     dimension: &'static str,
@@ -25,16 +25,17 @@ pub struct Regression {
 }
 
 impl Regression {
-    /// Regression of a dimension by its name in the table; `None` for an unknown dimension and for [`Sex::Neutral`]
+    /// Returns the regression of a dimension by its name in the table; `None` for an unknown dimension and for
+    /// [`Sex::Neutral`]
     ///
     /// # Panics
-    /// Never: the table is part of the program, and its numbers can be parsed.
+    /// Never: the table is part of the program, and its numbers parse.
     pub fn of(dimension: &str, sex: Sex) -> Option<&'static Self> {
         let mut rows = REGRESSIONS.iter();
         rows.find(|row| row.dimension == dimension && row.sex == sex.name())
     }
 
-    /// Mean of people of a stature and mass, in mm
+    /// Returns the mean of people of a given stature and mass, in mm
     pub fn mean_mm(&self, stature_mm: f64, mass_kg: f64) -> f64 {
         let stature_m = stature_mm / 1000.0;
         let [constant, by_stature, by_build] = self.coefficients;

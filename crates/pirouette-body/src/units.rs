@@ -1,42 +1,42 @@
-//! Quantities that must not be mixed up.
+//! Quantities whose units must not be confused.
 
 use std::f64::consts::TAU;
 
-/// How far the person has turned since facing the camera, counter-clockwise seen from above
+/// Rotation of the person since facing the camera, counter-clockwise seen from above
 ///
-/// The person turns to the own left: at 90 degrees the nose points to the right edge of the photo.
+/// The person turns to their left: at 90 degrees the nose points to the right edge of the photo.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default)]
 pub struct TurnAngle {
     radians: f64,
 }
 
 impl TurnAngle {
-    /// From degrees, as files have it
+    /// Converts from degrees, the unit in files
     pub fn from_degrees(degrees: f64) -> Self {
         Self::from_radians(degrees.to_radians())
     }
 
-    /// From radians
+    /// Converts from radians
     pub fn from_radians(radians: f64) -> Self {
         Self { radians }
     }
 
-    /// In degrees, as files have it
+    /// Returns the angle in degrees, the unit in files
     pub fn degrees(self) -> f64 {
         self.radians.to_degrees()
     }
 
-    /// In radians
+    /// Returns the angle in radians
     pub fn radians(self) -> f64 {
         self.radians
     }
 
-    /// The same direction within [0, 360) degrees
+    /// Returns the equivalent angle within [0, 360) degrees
     pub fn wrapped(self) -> Self {
         Self::from_radians(self.radians.rem_euclid(TAU))
     }
 
-    /// Rotation that carries world directions (person at turn 0) into the room frame
+    /// Returns the rotation from world directions (person at turn 0) to the room frame
     pub fn room_from_world(self) -> glam::DMat3 {
         glam::DMat3::from_rotation_y(self.radians)
     }

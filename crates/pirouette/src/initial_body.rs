@@ -13,7 +13,7 @@ use crate::view::SolvedView;
 use pirouette_body::Avatar;
 use pirouette_body::Pose;
 use pirouette_body::Sex;
-use pirouette_body::mannequin::{MannequinError, MannequinParameters, mannequin, sketch};
+use pirouette_body::mannequin::{MannequinError, MannequinParameters, coarse_mannequin, mannequin};
 
 /// Why there is no body to start from
 #[derive(Debug)]
@@ -103,7 +103,7 @@ pub(crate) fn choose_start(
         pose: scan.pose,
         ..MannequinParameters::default()
     };
-    let (avatar, posture, poses) = posed(&sketch(&of(Sex::Neutral, None))?)?;
+    let (avatar, posture, poses) = posed(&coarse_mannequin(&of(Sex::Neutral, None))?)?;
     let (rough, _) = fit_outlines(
         &avatar,
         &fit_views(views, &poses, stature_mm),
@@ -120,7 +120,7 @@ pub(crate) fn choose_start(
     let mut residuals: Vec<(f64, Sex)> = [Sex::Female, Sex::Male, Sex::Neutral]
         .into_par_iter()
         .filter_map(|sex| {
-            let (avatar, posture, poses) = posed(&sketch(&of(sex, Some(mass_kg))).ok()?).ok()?;
+            let (avatar, posture, poses) = posed(&coarse_mannequin(&of(sex, Some(mass_kg))).ok()?).ok()?;
             let views = fit_views(views, &poses, stature_mm);
             Some((rigid_residual(&avatar, &posture, &views, outlines), sex))
         })

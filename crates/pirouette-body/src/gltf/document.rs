@@ -1,21 +1,22 @@
-//! The parts of a glTF 2.0 file that a posable body needs: nodes, skins, meshes, accessors.
+//! The parts of a glTF 2.0 file required for a posable body: nodes, skins, meshes, accessors.
 //!
-//! Nothing is trusted: every index and range is checked where it is used, and every defect is an error that
-//! names the accessor. Buffers are the binary chunk or data URIs; other files are not opened.
+//! Input is untrusted: every index and range is checked where it is used, and every defect is an error that names the
+//! accessor. Buffers are the binary chunk or data URIs; other files are not opened.
 
 use serde::Deserialize;
 use serde_json::Value;
 
 use super::LoadAvatarError;
 
-/// Elements per accessor; more than any body, and a bound on what a broken file can make us allocate
+/// Largest number of elements per accessor; more than any body, and a bound on the memory that a corrupt file can make
+/// us allocate
 const MAX_ELEMENTS: usize = 20_000_000;
 
 const GLB_MAGIC: &[u8] = b"glTF";
 const CHUNK_JSON: u32 = 0x4E4F_534A;
 const CHUNK_BINARY: u32 = 0x004E_4942;
 
-/// Extensions that store geometry in ways only they can read
+/// Extensions that store geometry in encodings that are not supported
 const UNREADABLE: [&str; 2] = ["KHR_draco_mesh_compression", "EXT_meshopt_compression"];
 
 #[derive(Debug, Deserialize)]
@@ -131,15 +132,15 @@ struct Buffer {
     uri: Option<String>,
 }
 
-/// What is wrong with an accessor
+/// A defect of an accessor
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum AccessorDefect {
     #[error("it does not exist")]
     Missing,
-    #[error("it names a buffer view or buffer that does not exist")]
+    #[error("it refers to a buffer view or buffer that does not exist")]
     MissingView,
-    #[error("it reaches beyond its buffer")]
+    #[error("it extends beyond its buffer")]
     OutOfBounds,
     #[error("its component type is unknown")]
     ComponentType,

@@ -1,12 +1,12 @@
 //! Skinned glTF 2.0 and VRM humanoids as avatars.
 //!
-//! Any rig will do whose nodes say what they are: by the humanoid table of VRM 0.x or 1.0, or by the names that
-//! MakeHuman, Mixamo, Unreal, Biped and Rigify use. Its joints, however many, are gathered into our 19 bones: each
-//! follows the nearest of its ancestors that is one of ours. The body is taken as its rig stands, turned to
-//! face +z, put on the floor and posed as asked.
+//! Accepts any rig whose nodes can be identified: by the humanoid table of VRM 0.x or 1.0, or by the names that
+//! MakeHuman, Mixamo, Unreal, Biped and Rigify use. Its joints, regardless of their number, are assigned to our 19
+//! bones: each follows its nearest ancestor that is one of them. The body is loaded in the pose of its rig, turned to
+//! face +z, put on the floor and moved into the requested pose.
 //!
-//! Not read: animations, morph targets, materials, meshes without a skin, compressed geometry, and buffers in
-//! other files.
+//! Not read: animations, morph targets, materials, meshes without a skin, compressed geometry, and buffers in other
+//! files.
 
 mod document;
 mod rig;
@@ -26,58 +26,58 @@ pub use document::AccessorDefect;
 /// Millimeters in the unit of glTF
 const MM_PER_METER: f64 = 1000.0;
 
-/// Where the upper spine turns, as a share of the way from the hips up to the neck
+/// Position of the upper spine's joint, as a share of the way from the hips up to the neck
 ///
-/// The lower end of the rib cage. Rigs have two to five spine joints; the one nearest to it is taken.
+/// The lower end of the rib cage. Rigs have two to five spine joints; the one nearest to it is used.
 const UPPER_SPINE_SHARE: f64 = 0.41;
 
-/// Where a collar bone turns, as a share of the way from the middle to the shoulder
+/// Position of the clavicle's joint, as a share of the way from the middle to the shoulder
 const CLAVICLE_SHARE: f64 = 0.13;
 
-/// Half the height, in mm, over which the trunk passes from the lower to an upper spine that the rig lacks
+/// Half the height, in mm, over which the trunk blends from the lower spine to an upper spine that the rig lacks
 const SPINE_BLEND_MM: f64 = 80.0;
 
-/// Why a file cannot serve as an avatar
+/// Why a file cannot be used as an avatar
 #[derive(Debug, thiserror::Error)]
 pub enum LoadAvatarError {
-    /// Neither GLB nor JSON, or JSON that is no glTF
+    /// Neither GLB nor JSON, or JSON that is not glTF
     #[error("not a glTF file")]
     Json(#[source] serde_json::Error),
-    /// The file ends early
-    #[error("the GLB file is cut short")]
+    /// The file is truncated
+    #[error("the GLB file is truncated")]
     Truncated,
     /// Another version of the format
     #[error("glTF version {version} is not supported, only version 2")]
-    #[allow(missing_docs, reason = "the message says it")]
+    #[allow(missing_docs, reason = "the message documents the variant")]
     Version { version: u32 },
     /// Geometry that needs a decoder
     #[error("the geometry is compressed with {extension}; export the avatar without compression")]
-    #[allow(missing_docs, reason = "the message says it")]
+    #[allow(missing_docs, reason = "the message documents the variant")]
     Compressed { extension: &'static str },
     /// Geometry in another file
     #[error("buffer {buffer} lies in another file; export the avatar as one GLB file")]
-    #[allow(missing_docs, reason = "the message says it")]
+    #[allow(missing_docs, reason = "the message documents the variant")]
     ExternalBuffer { buffer: usize },
     /// An accessor that cannot be read
     #[error("accessor {accessor} is broken: {defect}")]
-    #[allow(missing_docs, reason = "the message says it")]
+    #[allow(missing_docs, reason = "the message documents the variant")]
     Accessor {
         accessor: usize,
         #[source]
         defect: AccessorDefect,
     },
-    /// An index that names nothing
+    /// An index that refers to no element
     #[error("mesh {mesh} names a vertex, joint or skin that does not exist")]
-    #[allow(missing_docs, reason = "the message says it")]
+    #[allow(missing_docs, reason = "the message documents the variant")]
     Index { mesh: usize },
-    /// A static mesh
-    #[error("the file holds no mesh with a skin")]
+    /// No mesh with a skin
+    #[error("the file contains no mesh with a skin")]
     NoSkin,
-    /// Joints that no node stands for
+    /// Required joints without a node in the rig
     #[error("joints not found in the rig: {}", names(missing))]
-    #[allow(missing_docs, reason = "the message says it")]
+    #[allow(missing_docs, reason = "the message documents the variant")]
     MissingJoints { missing: Vec<Bone> },
-    /// No extent, or coordinates that are not numbers
+    /// No extent, or coordinates that are not finite
     #[error("the body is flat, empty or not finite")]
     Degenerate,
 }
@@ -87,14 +87,14 @@ fn names(bones: &[Bone]) -> String {
     names.join(", ")
 }
 
-/// Loads a skinned humanoid and puts it into a reference pose
+/// Loads a skinned humanoid and moves it into a reference pose
 ///
-/// The result stands on the floor, faces +z and has the size of the file; see [`Avatar::scaled_to`]. Loose
-/// parts such as eyes and teeth are dropped where one part is the whole body.
+/// The result stands on the floor, faces +z and has the size given in the file; see [`Avatar::scaled_to`]. Loose parts
+/// such as eyes and teeth are dropped if one part is the complete body.
 ///
 /// # Errors
-/// When the bytes are no readable glTF, have no skin, lack a joint that cannot be guessed from the others
-/// (collar bones, neck and upper spine can), or the body has no extent.
+/// When the bytes are not readable glTF, have no skin, lack a joint that cannot be inferred from the others (clavicles,
+/// neck and upper spine can), or the body has no extent.
 pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvatarError> {
     let document = Document::parse(bytes)?;
     let nodes = &document.root.nodes;
@@ -150,8 +150,8 @@ pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvat
         pose,
     };
     put_on_the_axis(&mut avatar, &mut bones.eyes);
-    stance::take(&mut avatar, pose);
-    avatar.keypoints = detector_points::find(
+    stance::pose_arms(&mut avatar, pose);
+    avatar.keypoints = detector_points::find_keypoints(
         &avatar.mesh,
         &avatar.weights,
         &avatar.bone_heads,
@@ -160,7 +160,7 @@ pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvat
     Ok(avatar)
 }
 
-/// World matrix of every node
+/// Returns the world matrix of every node
 fn world_transforms(nodes: &[Node], parents: &[Option<usize>]) -> Vec<DMat4> {
     let local = |node: &Node| match node.matrix {
         Some(matrix) => DMat4::from_cols_array(&matrix),
@@ -185,7 +185,7 @@ fn unit_quaternion(q: DQuat) -> DQuat {
     }
 }
 
-/// The nodes of our bones and where they turn, in the file's world
+/// The nodes of our bones and their joint positions, in the file's world frame
 struct FoundBones {
     nodes: [Option<usize>; Bone::COUNT],
     heads: [DVec3; Bone::COUNT],
@@ -212,7 +212,7 @@ fn find_bones(
     } = Rig::find(document, &candidates);
     let at = |node: usize| world_from_node[node].w_axis.truncate();
 
-    // The spine is what lies between hips and neck, whatever it is called.
+    // The spine is the chain between hips and neck, regardless of its names.
     let hips = nodes[Bone::Root as usize];
     let top = nodes[Bone::Neck as usize].or(nodes[Bone::Head as usize]);
     if let (Some(hips), Some(top)) = (hips, top) {
@@ -263,7 +263,8 @@ fn find_bones(
     })
 }
 
-/// Millimeters, and turned about the vertical so that the left hip and shoulder lie towards +x
+/// Returns the transform to millimeters that turns the body about the vertical so that the left hip and shoulder lie
+/// towards +x
 fn upright_and_facing(heads: &[DVec3; Bone::COUNT]) -> Result<DAffine3, LoadAvatarError> {
     let across = |left: Bone, right: Bone| heads[left as usize] - heads[right as usize];
     let left =
@@ -280,7 +281,7 @@ fn upright_and_facing(heads: &[DVec3; Bone::COUNT]) -> Result<DAffine3, LoadAvat
     ))
 }
 
-/// Lets the trunk above the upper spine's head follow it, for rigs with a single spine joint
+/// Attaches the trunk above the upper spine's head to it, for rigs with a single spine joint
 fn split_the_trunk(surface: &mut Surface, height_mm: f64) {
     for (p, weight) in surface.positions.iter().zip(&mut surface.weights) {
         let t = ((p.y - height_mm) / (2.0 * SPINE_BLEND_MM) + 0.5).clamp(0.0, 1.0);
@@ -290,7 +291,7 @@ fn split_the_trunk(surface: &mut Surface, height_mm: f64) {
     }
 }
 
-/// Soles on the floor, the turning axis a little behind the point midway between the hip joints
+/// Puts the soles on the floor and the turning axis slightly behind the midpoint of the hip joints
 fn put_on_the_axis(avatar: &mut Avatar, eyes: &mut [Option<DVec3>; 2]) {
     let Some((low, high)) = avatar.mesh.bounds() else {
         return;
@@ -310,7 +311,7 @@ fn put_on_the_axis(avatar: &mut Avatar, eyes: &mut [Option<DVec3>; 2]) {
     }
 }
 
-/// Weights of all bones, as they are gathered
+/// Weights of all bones while they are accumulated
 type AllWeights = [f64; Bone::COUNT];
 
 fn skin_weights(all: &[AllWeights]) -> Vec<SkinWeight> {

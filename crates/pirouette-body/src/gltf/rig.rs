@@ -1,11 +1,11 @@
-//! Which node of a rig is which of our bones: by the humanoid tables of VRM, else by the names in use.
+//! Maps the nodes of a rig to bones: by the humanoid tables of VRM, otherwise by common names.
 
 use serde_json::Value;
 
 use super::document::{Document, Node};
 use crate::Bone;
 
-/// The nodes of a rig that matter
+/// The relevant nodes of a rig
 #[derive(Debug, Clone)]
 pub(super) struct Rig {
     /// One node per bone, where the rig has it
@@ -14,7 +14,7 @@ pub(super) struct Rig {
     pub(super) eyes: [Option<usize>; 2],
 }
 
-/// Which part of the body a name means, before the side
+/// The body part that a name denotes, without the side
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
     Hips,
@@ -51,7 +51,7 @@ const BONE_NAMES: [(Part, &[&str]); 11] = [
     (Part::Eye, &["eye"]),
 ];
 
-/// Names of parts in rigs that name the joint at which a bone starts, as body models of research do
+/// Names of parts in rigs that name the joint at which a bone starts, as body models in research do
 const JOINT_NAMES: [(Part, &[&str]); 11] = [
     (Part::Hips, &["pelvis", "hips", "root"]),
     (Part::Neck, &["neck"]),
@@ -66,7 +66,7 @@ const JOINT_NAMES: [(Part, &[&str]); 11] = [
     (Part::Eye, &["eye"]),
 ];
 
-/// Prefixes that whole rigs put before each name
+/// Prefixes that rigs put in front of every name
 const PREFIXES: [&str; 6] = ["mixamorig", "jbip", "bip", "def", "org", "smplx"];
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -135,7 +135,7 @@ fn part_of(bone: Bone) -> Option<(Part, Option<Side>)> {
     let (left, right) = (Some(Side::Left), Some(Side::Right));
     Some(match bone {
         Root => (Part::Hips, None),
-        // found by structure: rigs count their spines in too many ways
+        // found by structure: rigs number their spines in too many ways
         LowerSpine | UpperSpine => return None,
         Neck => (Part::Neck, None),
         Head => (Part::Head, None),
@@ -156,7 +156,7 @@ fn part_of(bone: Bone) -> Option<(Part, Option<Side>)> {
     })
 }
 
-/// Bones that a rig may lack; they are put where they belong between the others
+/// Returns whether a rig may lack a bone; such bones are interpolated between the others
 pub(super) fn is_optional(bone: Bone) -> bool {
     matches!(
         bone,
@@ -165,9 +165,9 @@ pub(super) fn is_optional(bone: Bone) -> bool {
 }
 
 impl Rig {
-    /// Finds the bones of a file: by its VRM table where it has one, by names among `candidates` otherwise
+    /// Finds the bones of a file: by its VRM table if present, otherwise by names among `candidates`
     ///
-    /// The spine is left out; it is found by structure.
+    /// The spine is excluded; it is found by structure.
     pub(super) fn find(document: &Document, candidates: &[usize]) -> Self {
         if let Some(rig) = Self::from_vrm(document) {
             return rig;
@@ -211,7 +211,7 @@ impl Rig {
         }
     }
 
-    /// The humanoid table of VRM 1.0 (`VRMC_vrm`, an object) or VRM 0.x (`VRM`, a list)
+    /// Reads the humanoid table of VRM 1.0 (`VRMC_vrm`, an object) or VRM 0.x (`VRM`, a list)
     fn from_vrm(document: &Document) -> Option<Self> {
         let extensions = &document.root.extensions;
         let new = &extensions["VRMC_vrm"]["humanoid"]["humanBones"];
@@ -264,7 +264,7 @@ pub(super) fn vrm_name(bone: Bone) -> Option<&'static str> {
     })
 }
 
-/// Parent of each node; cycles and second parents of broken files are cut
+/// Returns the parent of each node; cycles and second parents of invalid files are removed
 pub(super) fn parents(nodes: &[Node]) -> Vec<Option<usize>> {
     let mut parents = vec![None; nodes.len()];
     for (n, node) in nodes.iter().enumerate() {
@@ -274,7 +274,7 @@ pub(super) fn parents(nodes: &[Node]) -> Vec<Option<usize>> {
             }
         }
     }
-    // walk up from every node; the first step into the own trail is a cycle
+    // walk up from every node; the first step into the current path is a cycle
     let mut settled = vec![false; nodes.len()];
     for start in 0..nodes.len() {
         let mut trail = vec![start];
@@ -296,7 +296,7 @@ pub(super) fn parents(nodes: &[Node]) -> Vec<Option<usize>> {
     parents
 }
 
-/// A node and all above it, nearest first
+/// Returns a node and all its ancestors, nearest first
 pub(super) fn ancestors(
     parents: &[Option<usize>],
     node: usize,
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn bone_and_joint_names_are_told_apart() {
+    fn bone_and_joint_names_are_distinguished() {
         let bones = rig(&[
             "Hips",
             "Neck",
@@ -379,13 +379,13 @@ mod tests {
     }
 
     #[test]
-    fn the_hips_win_over_a_root_on_the_floor() {
+    fn the_hips_take_precedence_over_a_root_on_the_floor() {
         let rig = rig(&["root", "pelvis", "thigh_l"]);
         assert_eq!(rig.bones[Bone::Root as usize], Some(1));
     }
 
     #[test]
-    fn cycles_are_cut() {
+    fn cycles_are_removed() {
         let json = r#"{"nodes":[{"children":[1]},{"children":[2]},{"children":[0,2,9]},{"children":[1]}]}"#;
         let document = Document::parse(json.as_bytes()).unwrap();
         let parents = parents(&document.root.nodes);

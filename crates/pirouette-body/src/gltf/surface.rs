@@ -1,4 +1,4 @@
-//! The skinned surface of a file, welded where its parts meet.
+//! The skinned surface of a file, welded along its seams.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,16 +10,16 @@ use super::{AllWeights, LoadAvatarError, skin_weights};
 use crate::Bone;
 use crate::SkinWeight;
 
-/// Vertices on open borders at most about this far apart, in the file's unit, are one
+/// Vertices on open borders closer than about this, in the file's unit, are merged
 ///
-/// Exporters repeat vertices along seams of normals and textures bit by bit, so this only absorbs the rounding
-/// of skinning.
+/// Exporters repeat vertices along seams of normals and textures bit by bit, so this only absorbs the rounding of
+/// skinning.
 const WELD_DISTANCE: f64 = 1e-6;
 
-/// A part this tall, relative to everything, is the whole body; the others are eyes, teeth, hair or clothes
+/// A part of at least this share of the total height is the body; the others are eyes, teeth, hair or clothes
 const WHOLE_BODY_SHARE: f64 = 0.9;
 
-/// Parts with less than this share of the area are dropped even where no part is the whole body
+/// Parts with less than this share of the area are dropped even if no part is the complete body
 const SCRAP_SHARE: f64 = 0.01;
 
 /// Triangles with the weights of all bones per vertex
@@ -31,7 +31,7 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    /// Adds the primitives of a mesh as its rig stands
+    /// Adds the primitives of a mesh in the pose of its rig
     pub(super) fn add_skinned_mesh(
         &mut self,
         document: &Document,
@@ -125,7 +125,7 @@ impl Surface {
                     sum += weight;
                 }
             }
-            // A vertex that no joint moves follows the first one.
+            // A vertex without joint influences follows the first joint.
             let skinned = match joints.first() {
                 Some((transform, _)) if sum <= 0.0 => transform.transform_point3(position),
                 _ => skinned / sum,
@@ -163,9 +163,9 @@ impl Surface {
         Ok(())
     }
 
-    /// Joins vertices at the same place on open borders, where exporters cut a surface into charts
+    /// Merges coincident vertices on open borders, where exporters cut a surface into charts
     ///
-    /// Only there: lips and eyelids touch without being one.
+    /// Restricted to borders: lips and eyelids touch without being connected.
     pub(super) fn weld(&mut self) {
         let directed: BTreeSet<[u32; 2]> = self
             .triangles
@@ -202,7 +202,7 @@ impl Surface {
             .retain(|&[a, b, c]| a != b && b != c && c != a);
     }
 
-    /// Drops loose parts: all but the largest where that is a whole body, else scraps only
+    /// Drops loose parts: all but the largest if that is a complete body, otherwise only scraps
     pub(super) fn keep_the_body(&mut self) {
         let part_of = self.parts();
         let Some(bounds) = bounds(&self.positions, self.triangles.iter().flatten()) else {
@@ -259,7 +259,7 @@ impl Surface {
             .collect()
     }
 
-    /// Turns all triangles around where mirroring nodes left the surface inside out
+    /// Flips all triangles where mirroring nodes left the surface inside out
     pub(super) fn face_outward(&mut self) {
         let volume: f64 = self
             .triangles
@@ -276,7 +276,7 @@ impl Surface {
         }
     }
 
-    /// The mesh without unused vertices, and its weights
+    /// Returns the mesh without unused vertices, and its weights
     pub(super) fn into_mesh(self) -> (TriMesh, Vec<SkinWeight>) {
         let mut new_index = vec![u32::MAX; self.positions.len()];
         let (mut positions, mut weights) = (Vec::new(), Vec::new());
@@ -300,7 +300,7 @@ impl Surface {
     }
 }
 
-/// Smallest and largest coordinates of some vertices
+/// Returns the smallest and largest coordinates of some vertices
 fn bounds<'a>(
     positions: &[DVec3],
     vertices: impl Iterator<Item = &'a u32>,

@@ -4,22 +4,22 @@ use serde_json::{Value, json};
 use super::*;
 use crate::Joint;
 
-/// What differs between the test figures
+/// Variations of the test bodies
 #[derive(Clone)]
-struct Figure {
+struct TestBody {
     /// Node name of each bone; the upper spine's and clavicles' may be missing
     name: fn(Bone) -> Option<String>,
     extensions: Value,
     faces_back: bool,
     /// Degrees below the horizontal
     arm_angle: f64,
-    /// A small loose box before the head
+    /// A small loose box in front of the head
     loose_part: bool,
-    /// One box around everything, so that one part is the whole body
+    /// One box around everything, so that one part is the complete body
     wrapped: bool,
 }
 
-impl Default for Figure {
+impl Default for TestBody {
     fn default() -> Self {
         Self {
             name: mixamo,
@@ -55,7 +55,7 @@ fn mixamo(bone: Bone) -> Option<String> {
     ))
 }
 
-/// Where the bones of the figure start, in meters
+/// Joint positions of the test body, in meters
 fn joint(bone: Bone, arm_angle: f64) -> DVec3 {
     use Bone::*;
     let along_arm = |distance: f64| {
@@ -79,7 +79,7 @@ fn joint(bone: Bone, arm_angle: f64) -> DVec3 {
     }
 }
 
-/// Opposite corners of a bone's box in meters, the arms' along x from the joint before they are turned down
+/// Opposite corners of a bone's box in meters, the arms' along x from the joint before they are rotated down
 fn bone_box(bone: Bone) -> (DVec3, DVec3) {
     use Bone::*;
     let v = DVec3::new;
@@ -103,10 +103,10 @@ fn bone_box(bone: Bone) -> (DVec3, DVec3) {
     }
 }
 
-/// A figure of boxes with four vertices per side, as exporters write them, as GLB
-fn glb(figure: &Figure) -> Vec<u8> {
+/// A body of boxes with four vertices per side, as exporters write them, as GLB
+fn glb(body: &TestBody) -> Vec<u8> {
     let turned = |p: DVec3| {
-        if figure.faces_back {
+        if body.faces_back {
             DVec3::new(-p.x, p.y, -p.z)
         } else {
             p
@@ -114,7 +114,7 @@ fn glb(figure: &Figure) -> Vec<u8> {
     };
     let bones: Vec<Bone> = Bone::ALL
         .into_iter()
-        .filter(|&bone| (figure.name)(bone).is_some())
+        .filter(|&bone| (body.name)(bone).is_some())
         .collect();
     let kept = |mut bone: Bone| loop {
         match bones.iter().position(|&b| b == bone) {
@@ -122,7 +122,7 @@ fn glb(figure: &Figure) -> Vec<u8> {
             None => bone = bone.parent()?,
         }
     };
-    let world = |index: usize| turned(joint(bones[index], figure.arm_angle));
+    let world = |index: usize| turned(joint(bones[index], body.arm_angle));
 
     let mut nodes: Vec<Value> = Vec::new();
     for (index, &bone) in bones.iter().enumerate() {
@@ -131,7 +131,7 @@ fn glb(figure: &Figure) -> Vec<u8> {
         let children: Vec<usize> = (0..bones.len())
             .filter(|&c| bones[c].parent().and_then(kept) == Some(index))
             .collect();
-        let name = (figure.name)(bone).unwrap_or_default();
+        let name = (body.name)(bone).unwrap_or_default();
         nodes.push(json!({"name": name, "translation": offset.to_array(), "children": children}));
     }
     nodes.push(json!({"mesh": 0, "skin": 0}));
@@ -169,7 +169,7 @@ fn glb(figure: &Figure) -> Vec<u8> {
             1.0
         };
         let pivot = joint(Bone::LeftUpperArm, 0.0) * DVec3::new(side, 1.0, 1.0);
-        let turn = DQuat::from_rotation_z(-side * figure.arm_angle.to_radians());
+        let turn = DQuat::from_rotation_z(-side * body.arm_angle.to_radians());
         let place = |p: DVec3| {
             turned(if is_arm {
                 pivot + turn * (p - pivot)
@@ -179,11 +179,11 @@ fn glb(figure: &Figure) -> Vec<u8> {
         };
         add_box(low, high, kept(bone).unwrap_or(0), &place);
     }
-    if figure.loose_part {
+    if body.loose_part {
         let low = DVec3::new(0.02, 1.62, 0.12);
         add_box(low, low + 0.02, kept(Bone::Head).unwrap_or(0), &turned);
     }
-    if figure.wrapped {
+    if body.wrapped {
         let (low, high) = (DVec3::new(-0.9, 0.0, -0.3), DVec3::new(0.9, 1.8, 0.3));
         add_box(low, high, 0, &turned);
     }
@@ -233,7 +233,7 @@ fn glb(figure: &Figure) -> Vec<u8> {
             accessor(4, 5126, bones.len(), "MAT4")],
         "bufferViews": views,
         "buffers": [{"byteLength": binary.len()}],
-        "extensions": figure.extensions,
+        "extensions": body.extensions,
     });
     let mut text = document.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
@@ -249,9 +249,9 @@ fn glb(figure: &Figure) -> Vec<u8> {
     file
 }
 
-fn load(figure: &Figure, pose: ReferencePose) -> Avatar {
-    let avatar = load_avatar(&glb(figure), pose).expect("a loadable figure");
-    avatar.check().expect("a sound avatar");
+fn load(body: &TestBody, pose: ReferencePose) -> Avatar {
+    let avatar = load_avatar(&glb(body), pose).expect("a loadable file");
+    avatar.check().expect("a valid avatar");
     avatar
 }
 
@@ -261,8 +261,8 @@ fn direction(avatar: &Avatar, from: Bone, to: Bone) -> DVec3 {
 }
 
 #[test]
-fn joints_stand_where_the_file_has_them() {
-    let avatar = load(&Figure::default(), ReferencePose::T);
+fn joints_are_at_the_positions_of_the_file() {
+    let avatar = load(&TestBody::default(), ReferencePose::T);
     assert!((avatar.stature_mm() - 1750.0).abs() < 1e-3);
     for bone in [
         Bone::Root,
@@ -285,7 +285,7 @@ fn joints_stand_where_the_file_has_them() {
 
 #[test]
 fn sides_of_a_box_become_one_surface() {
-    let avatar = load(&Figure::default(), ReferencePose::T);
+    let avatar = load(&TestBody::default(), ReferencePose::T);
     assert_eq!(avatar.mesh.positions.len(), 8 * Bone::COUNT);
     assert_eq!(avatar.mesh.triangles.len(), 12 * Bone::COUNT);
     assert!(avatar.mesh.volume() > 0.0);
@@ -299,12 +299,12 @@ fn sides_of_a_box_become_one_surface() {
 #[test]
 fn arms_are_lowered_and_lifted_to_the_pose() {
     for rest_angle in [0.0, 30.0, 70.0] {
-        let figure = Figure {
+        let body = TestBody {
             arm_angle: rest_angle,
-            ..Figure::default()
+            ..TestBody::default()
         };
         for pose in [ReferencePose::A, ReferencePose::T] {
-            let avatar = load(&figure, pose);
+            let avatar = load(&body, pose);
             let arm = direction(&avatar, Bone::LeftUpperArm, Bone::LeftForearm);
             let angle = (-arm.y).atan2(arm.x).to_degrees();
             assert!((angle - pose.arm_angle_degrees()).abs() < 1e-6, "{angle}");
@@ -316,31 +316,31 @@ fn arms_are_lowered_and_lifted_to_the_pose() {
 }
 
 #[test]
-fn arms_near_the_pose_stay() {
-    let figure = Figure {
+fn arms_near_the_pose_are_unchanged() {
+    let body = TestBody {
         arm_angle: 5.0,
-        ..Figure::default()
+        ..TestBody::default()
     };
-    let avatar = load(&figure, ReferencePose::T);
+    let avatar = load(&body, ReferencePose::T);
     let arm = direction(&avatar, Bone::LeftUpperArm, Bone::LeftForearm);
     assert!(((-arm.y).asin().to_degrees() - 5.0).abs() < 1e-4);
 }
 
 #[test]
-fn a_figure_that_faces_back_is_turned_around() {
+fn a_body_that_faces_backward_is_turned_around() {
     let turned = load(
-        &Figure {
+        &TestBody {
             faces_back: true,
-            ..Figure::default()
+            ..TestBody::default()
         },
         ReferencePose::A,
     );
-    let straight = load(&Figure::default(), ReferencePose::A);
+    let straight = load(&TestBody::default(), ReferencePose::A);
     for (a, b) in turned.bone_heads.iter().zip(&straight.bone_heads) {
         assert!((*a - *b).length() < 1e-3);
     }
     for (a, b) in turned.keypoints.iter().zip(&straight.keypoints) {
-        // the flat face leaves the height of the nose open
+        // the flat face leaves the height of the nose undetermined
         assert!((a.x - b.x).abs() < 1e-3 && (a.z - b.z).abs() < 1e-3);
     }
 }
@@ -362,14 +362,14 @@ fn humanoid_tables_of_both_vrm_versions_name_the_bones() {
         .collect();
     let old = json!({"VRM": {"humanoid": {"humanBones": list}}});
     let new = json!({"VRMC_vrm": {"humanoid": {"humanBones": map}}});
-    let named = load(&Figure::default(), ReferencePose::A);
+    let named = load(&TestBody::default(), ReferencePose::A);
     for extensions in [old, new] {
-        let figure = Figure {
+        let body = TestBody {
             name: nameless,
             extensions,
-            ..Figure::default()
+            ..TestBody::default()
         };
-        assert_eq!(load(&figure, ReferencePose::A).bone_heads, named.bone_heads);
+        assert_eq!(load(&body, ReferencePose::A).bone_heads, named.bone_heads);
     }
 }
 
@@ -382,12 +382,12 @@ fn no_extras(bone: Bone) -> Option<String> {
 }
 
 #[test]
-fn missing_collar_bones_neck_and_upper_spine_are_guessed() {
-    let figure = Figure {
+fn missing_clavicles_neck_and_upper_spine_are_inferred() {
+    let body = TestBody {
         name: no_extras,
-        ..Figure::default()
+        ..TestBody::default()
     };
-    let avatar = load(&figure, ReferencePose::A);
+    let avatar = load(&body, ReferencePose::A);
     let y = |bone: Bone| avatar.bone_heads[bone as usize].y;
     assert!(y(Bone::LowerSpine) < y(Bone::UpperSpine) && y(Bone::UpperSpine) < y(Bone::Neck));
     assert!(y(Bone::Neck) < y(Bone::Head));
@@ -409,21 +409,21 @@ fn no_left_elbow(bone: Bone) -> Option<String> {
 }
 
 #[test]
-fn an_error_names_the_joints_that_are_missing() {
-    let figure = Figure {
+fn the_error_names_the_missing_joints() {
+    let body = TestBody {
         name: no_left_elbow,
-        ..Figure::default()
+        ..TestBody::default()
     };
-    let error = load_avatar(&glb(&figure), ReferencePose::A).unwrap_err();
+    let error = load_avatar(&glb(&body), ReferencePose::A).unwrap_err();
     assert_eq!(
         error.to_string(),
         "joints not found in the rig: left_forearm"
     );
-    let figure = Figure {
+    let body = TestBody {
         name: nameless,
-        ..Figure::default()
+        ..TestBody::default()
     };
-    let error = load_avatar(&glb(&figure), ReferencePose::A).unwrap_err();
+    let error = load_avatar(&glb(&body), ReferencePose::A).unwrap_err();
     assert!(
         error
             .to_string()
@@ -433,17 +433,17 @@ fn an_error_names_the_joints_that_are_missing() {
 }
 
 #[test]
-fn loose_parts_are_dropped_beside_a_whole_body() {
-    let loose = Figure {
+fn loose_parts_are_dropped_when_one_part_is_the_complete_body() {
+    let loose = TestBody {
         loose_part: true,
         wrapped: true,
-        ..Figure::default()
+        ..TestBody::default()
     };
     let avatar = load(&loose, ReferencePose::T);
     assert_eq!(avatar.mesh.positions.len(), 8, "only the box around all");
-    let scattered = Figure {
+    let scattered = TestBody {
         loose_part: true,
-        ..Figure::default()
+        ..TestBody::default()
     };
     let avatar = load(&scattered, ReferencePose::T);
     assert_eq!(avatar.mesh.positions.len(), 8 * Bone::COUNT, "a scrap less");
@@ -451,7 +451,7 @@ fn loose_parts_are_dropped_beside_a_whole_body() {
 
 #[test]
 fn scaling_keeps_the_shape() {
-    let avatar = load(&Figure::default(), ReferencePose::A);
+    let avatar = load(&TestBody::default(), ReferencePose::A);
     let head = avatar.bone_heads[Bone::Head as usize];
     let twice = avatar.clone().scaled_to(3500.0);
     assert!((twice.stature_mm() - 3500.0).abs() < 1e-6);
@@ -460,18 +460,18 @@ fn scaling_keeps_the_shape() {
 }
 
 #[test]
-fn files_that_cannot_serve_say_why() {
+fn unusable_files_are_rejected_with_the_reason() {
     let error = |bytes: &[u8]| {
         load_avatar(bytes, ReferencePose::A)
             .unwrap_err()
             .to_string()
     };
     assert_eq!(error(b""), "not a glTF file");
-    assert_eq!(error(b"{}"), "the file holds no mesh with a skin");
-    assert_eq!(error(b"glTF\x02\0\0\0"), "the GLB file is cut short");
+    assert_eq!(error(b"{}"), "the file contains no mesh with a skin");
+    assert_eq!(error(b"glTF\x02\0\0\0"), "the GLB file is truncated");
     assert!(error(b"glTF\x01\0\0\0\0\0\0\0").contains("version 1"));
-    let file = glb(&Figure::default());
-    assert_eq!(error(&file[..file.len() / 2]), "the GLB file is cut short");
+    let file = glb(&TestBody::default());
+    assert_eq!(error(&file[..file.len() / 2]), "the GLB file is truncated");
     let draco = br#"{"extensionsRequired":["KHR_draco_mesh_compression"]}"#;
     assert!(error(draco).contains("KHR_draco_mesh_compression"));
 }
@@ -485,7 +485,7 @@ proptest! {
         cut in any::<prop::sample::Index>(),
         in_text in any::<bool>(),
     ) {
-        let mut bytes = glb(&Figure::default());
+        let mut bytes = glb(&TestBody::default());
         let text_end = 20 + u32::from_le_bytes([bytes[12], bytes[13], bytes[14], bytes[15]]) as usize;
         for (index, value) in &changes {
             // digits keep the JSON valid and break the numbers in it

@@ -1,4 +1,4 @@
-//! Hands with the fingers a little apart and feet with toes.
+//! Hands with slightly spread fingers and feet with toes.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
@@ -8,12 +8,12 @@ use super::primitives::{Section, Shape, Tube};
 use super::proportions::Proportions;
 use super::shape::Anatomy;
 
-/// How far the fingers bend towards the palm, in degrees, about evenly over their length
+/// Bend of the fingers towards the palm, in degrees, spread about evenly over their length
 ///
 /// Relaxed hands bend twice as far, but people hold them open for a scan.
 const FINGER_CURL_DEGREES: f64 = 9.0;
 
-/// How far the feet of a standing person point outward, in degrees
+/// Outward angle of a standing person's feet, in degrees
 const TOE_OUT_DEGREES: f64 = 5.0;
 
 /// Share of the foot's length behind the ankle joint
@@ -37,7 +37,7 @@ pub(super) fn add_hand(field: &mut Field, a: &Anatomy) {
     let wrist = wrist_radius / half;
     let start = frame.stylion;
     let palm = [
-        // Begins inside the forearm: surfaces that coincide would swell where they blend.
+        // Begins inside the forearm: coincident surfaces would bulge where they blend.
         (
             -0.12 * length,
             section(0.60 * wrist, 0.60 * wrist, 0.80 * wrist, 0.80 * wrist, 0.1),
@@ -56,7 +56,7 @@ pub(super) fn add_hand(field: &mut Field, a: &Anatomy) {
             curl_sign(&frame.forearm_axes) * degrees.to_radians(),
         )) * frame.forearm_axes
     };
-    // Two bones each: from the knuckle to the middle joint, and the rest.
+    // Two bones each: from the knuckle to the middle joint, and the remainder.
     let (near, far) = (
         bend(0.6 * FINGER_CURL_DEGREES),
         bend(1.6 * FINGER_CURL_DEGREES),
@@ -110,7 +110,7 @@ struct Finger {
     spread_degrees: f64,
 }
 
-/// Index, middle, ring and little finger of a hand held open without force
+/// Index, middle, ring and little finger of a hand held open without effort
 const FINGERS: [Finger; 4] = [
     Finger {
         knuckle: 0.50,
@@ -142,7 +142,7 @@ const FINGERS: [Finger; 4] = [
     },
 ];
 
-/// Sense of rotation about the thumb side that bends the fingers towards the palm (away from the upper side)
+/// Sign of the rotation about the thumb side that bends the fingers towards the palm (away from the upper side)
 fn curl_sign(axes: &DMat3) -> f64 {
     if axes.z_axis.cross(axes.y_axis).dot(axes.x_axis) > 0.0 {
         -1.0
@@ -151,7 +151,7 @@ fn curl_sign(axes: &DMat3) -> f64 {
     }
 }
 
-/// The left foot: where it stands and points
+/// The left foot: its position and direction
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FootPlan {
     heel: DVec3,
@@ -174,7 +174,8 @@ impl FootPlan {
         }
     }
 
-    /// The point at these shares of half the breadth (outward) and of the length (from the heel), at a height in mm
+    /// Returns the point at these shares of half the breadth (outward) and of the length (from the heel), at a height
+    /// in mm
     pub(super) fn at(&self, outward: f64, along: f64, height: f64) -> DVec3 {
         self.heel + self.axes * DVec3::new(outward * self.half_breadth, along * self.length, height)
     }
@@ -183,7 +184,7 @@ impl FootPlan {
 /// Adds the left foot and its mirror image
 pub(super) fn add_foot(field: &mut Field, a: &Anatomy) {
     let (d, frame) = (a.dimensions, a.frame);
-    let m = frame.mille;
+    let m = frame.permille_mm;
     let plan = FootPlan::new(d, frame);
     let (length, half) = (plan.length, plan.half_breadth);
     let heel = d.heel_breadth / 2.0 / half;

@@ -1,20 +1,20 @@
 //! The body as a smooth implicit surface: tubes, ellipsoids and cones, blended where they meet.
 //!
-//! The field is negative inside and about the distance to the surface in mm near it; far away it only has the right
-//! sign. The body is symmetric: fields are asked on the person's left side (x >= 0) only, and parts of the
-//! left side know their mirror images.
+//! The field is negative inside and approximates the distance to the surface in mm near it; far away only its sign is
+//! valid. The body is symmetric: fields are evaluated on the person's left side (x >= 0) only, and parts of the left
+//! side include their mirror images.
 
 use glam::{DMat3, DVec3};
 
 use super::primitives::Shape;
 
-/// What the field answers far from every part, in mm
+/// Value of the field far from every part, in mm
 pub(super) const FAR: f64 = 1e3;
 
-/// Points farther than this outside a part's box do not ask it, in mm (on top of its blend radius)
+/// Parts whose box is farther away than this from a point, in mm (in addition to the blend radius), are not evaluated
 const BOX_MARGIN: f64 = 12.0;
 
-/// To which region of the body a part belongs; tapes and skinning weights ask by region
+/// Region of the body to which a part belongs; tapes and skinning weights select parts by region
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Region {
     Trunk,
@@ -26,36 +26,36 @@ pub(super) enum Region {
     Foot,
 }
 
-/// Whether the mirror images of the left side's parts count
+/// Whether the mirror images of the left side's parts are included
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Sides {
     Both,
     Left,
 }
 
-/// A shape and how it joins what came before it
+/// A shape and its blend with the preceding parts
 #[derive(Debug, Clone)]
 pub(super) struct Part {
     pub region: Region,
     pub shape: Shape,
-    /// Width of the fillet with the parts before it, in mm
+    /// Width of the fillet with the preceding parts, in mm
     pub blend: f64,
     /// Width of the fillet with its own mirror image; `None` for parts of the middle
     pub mirror_blend: Option<f64>,
     bounds: (DVec3, DVec3),
 }
 
-/// A smooth swelling or hollow of the surface: muscles, furrows and folds too shallow to be parts of their own
+/// A smooth bulge or hollow of the surface: muscles, furrows and folds too shallow to be separate parts
 #[derive(Debug, Clone)]
 pub(super) struct Relief {
     pub region: Region,
-    /// The point of the left side or the middle where it is strongest; its mirror image has the same
+    /// Point of the left side or the middle where it is strongest; its mirror image has the same height
     pub center: DVec3,
     /// Columns: the directions of `radii`
     pub axes: DMat3,
-    /// Where it has faded out
+    /// Distances at which it has faded out
     pub radii: DVec3,
-    /// How far the surface moves outward at the center, in mm; inward when negative
+    /// Outward displacement of the surface at the center, in mm; inward when negative
     pub height: f64,
 }
 
@@ -75,7 +75,7 @@ impl Relief {
     }
 }
 
-/// The whole body
+/// The complete body
 #[derive(Debug, Clone, Default)]
 pub(super) struct Field {
     parts: Vec<Part>,
@@ -96,7 +96,7 @@ impl Field {
         self.push(region, shape, blend, Some(mirror_blend));
     }
 
-    /// Adds a swelling or hollow; one off the middle comes with its mirror image
+    /// Adds a bulge or hollow; one off the middle is mirrored
     pub(super) fn add_relief(&mut self, relief: Relief) {
         self.reliefs.push(relief);
     }
@@ -113,12 +113,12 @@ impl Field {
         });
     }
 
-    /// Signed value at a point of the left side (x >= 0), cut flat at the floor
+    /// Returns the signed value at a point of the left side (x >= 0), cut flat at the floor
     pub(super) fn value(&self, p: DVec3) -> f64 {
         cut_at_floor(self.value_of(p, |_| true, Sides::Both), p.y)
     }
 
-    /// Signed value of some regions, not cut at the floor
+    /// Returns the signed value of some regions, not cut at the floor
     pub(super) fn value_of(
         &self,
         p: DVec3,
@@ -130,7 +130,7 @@ impl Field {
         value_over(parts, reliefs, p, sides)
     }
 
-    /// What shapes the surface within `reach` mm of a point of the left side
+    /// Collects the parts that shape the surface within `reach` mm of a point of the left side
     pub(super) fn around(&self, p: DVec3, reach: f64) -> Neighborhood<'_> {
         let mirrored = DVec3::new(-p.x, p.y, p.z);
         let touches = |(lo, hi): (DVec3, DVec3), pair: bool| {
@@ -152,7 +152,7 @@ impl Field {
         }
     }
 
-    /// Where a ray leaves the body; `from` lies inside, on the left side or the mirror plane
+    /// Finds the point where a ray leaves the body; `from` lies inside, on the left side or the mirror plane
     pub(super) fn exit(&self, from: DVec3, direction: DVec3) -> DVec3 {
         let mut p = from;
         for _ in 0..200 {
@@ -165,7 +165,7 @@ impl Field {
         p
     }
 
-    /// Smallest and largest coordinates that the left side's parts may reach
+    /// Returns the smallest and largest coordinates that the left side's parts can reach
     pub(super) fn bounds(&self) -> (DVec3, DVec3) {
         let none = (DVec3::splat(f64::INFINITY), DVec3::splat(f64::NEG_INFINITY));
         self.parts.iter().fold(none, |(lo, hi), part| {
@@ -174,7 +174,7 @@ impl Field {
     }
 }
 
-/// The field near one place, faster to ask
+/// The field near one point, faster to evaluate
 #[derive(Debug)]
 pub(super) struct Neighborhood<'a> {
     parts: Vec<&'a Part>,
@@ -182,14 +182,14 @@ pub(super) struct Neighborhood<'a> {
 }
 
 impl Neighborhood<'_> {
-    /// Signed value at a point of either side, cut flat at the floor
+    /// Returns the signed value at a point of either side, cut flat at the floor
     pub(super) fn value(&self, p: DVec3) -> f64 {
         let left = DVec3::new(p.x.abs(), p.y, p.z);
         let (parts, reliefs) = (self.parts.iter().copied(), self.reliefs.iter().copied());
         cut_at_floor(value_over(parts, reliefs, left, Sides::Both), p.y)
     }
 
-    /// Gradient by differences over `step` mm; at the mirror plane it lies in the plane
+    /// Computes the gradient by differences over `step` mm; at the mirror plane it lies in the plane
     pub(super) fn gradient(&self, p: DVec3, step: f64) -> DVec3 {
         // Four samples at the corners of a tetrahedron.
         let corners = [
@@ -207,7 +207,7 @@ fn cut_at_floor(body: f64, height: f64) -> f64 {
     -smooth_min(-body, height, SOLE_ROUNDING)
 }
 
-/// The blend of parts in their order, with the reliefs on it
+/// Blends parts in their order and adds the reliefs
 fn value_over<'a>(
     parts: impl Iterator<Item = &'a Part>,
     reliefs: impl Iterator<Item = &'a Relief>,
@@ -246,7 +246,7 @@ fn value_over<'a>(
     value
 }
 
-/// The smaller of two distances, with a fillet of width `blend` where they are about equal
+/// Returns the smaller of two distances, with a fillet of width `blend` where they are about equal
 pub(super) fn smooth_min(a: f64, b: f64, blend: f64) -> f64 {
     let h = blend - (a - b).abs();
     if h <= 0.0 {
@@ -255,7 +255,7 @@ pub(super) fn smooth_min(a: f64, b: f64, blend: f64) -> f64 {
     a.min(b) - h * h / (4.0 * blend)
 }
 
-/// Smooth step from 0 at `from` to 1 at `to`
+/// Returns a smooth step from 0 at `from` to 1 at `to`
 pub(super) fn ramp(x: f64, from: f64, to: f64) -> f64 {
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)

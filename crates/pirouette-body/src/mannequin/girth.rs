@@ -1,4 +1,4 @@
-//! Tape measures on the implicit body, and the section scales that bring them to the survey's values.
+//! Tape measures on the implicit body, and the section scales that fit them to the survey's values.
 
 use std::f64::consts::{PI, TAU};
 
@@ -7,13 +7,13 @@ use glam::{DVec2, DVec3};
 use super::field::{Field, Region, Sides};
 use super::shape::{Anatomy, GirthScales, build};
 
-/// Directions in which a section is probed
+/// Number of directions in which a section is sampled
 const RAYS: usize = 48;
 
-/// Rounds of building and measuring
+/// Number of rounds of building and measuring
 const ROUNDS: usize = 8;
 
-/// Where one tape goes
+/// Position of one tape
 struct Tape {
     scale: fn(&mut GirthScales) -> &mut f64,
     target_mm: f64,
@@ -24,7 +24,7 @@ struct Tape {
     sides: Sides,
 }
 
-/// Finds the factors that bring all tapes to their values
+/// Finds the factors that bring all tapes to their target values
 pub(super) fn fit_girths(anatomy: &Anatomy) -> GirthScales {
     let mut scales = GirthScales::default();
     let tapes = tapes(anatomy);
@@ -134,12 +134,12 @@ fn tapes(a: &Anatomy) -> Vec<Tape> {
     ]
 }
 
-/// Where the neck's tape goes along the neck's axis, as a share of it
+/// Position of the neck's tape along the neck's axis, as a share of it
 const NECK_TAPE: f64 = 0.55;
 
 /// Heights of the horizontal tapes, in mm
 #[derive(Debug, Clone, Copy)]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names are self-explanatory")]
 pub(super) struct TapeLevels {
     pub chest: f64,
     pub waist: f64,
@@ -152,13 +152,13 @@ pub(super) struct TapeLevels {
 
 impl TapeLevels {
     pub(super) fn new(a: &Anatomy) -> Self {
-        let (d, m) = (a.dimensions, a.frame.mille);
+        let (d, m) = (a.dimensions, a.frame.permille_mm);
         Self {
             chest: d.chest_height,
             waist: d.waist_height,
             hip: d.buttock_height,
             thigh: d.crotch_height - 24.0 * m,
-            // The survey takes the lower thigh just above the kneecap.
+            // The survey measures the lower thigh just above the kneecap.
             knee: d.knee_height + 22.0 * m,
             calf: 0.77 * d.knee_height,
             ankle: 78.0 * m,
@@ -166,7 +166,7 @@ impl TapeLevels {
     }
 }
 
-/// Perimeter of the convex hull of the section, in mm; 0 when its center lies outside the body
+/// Computes the perimeter of the convex hull of the section, in mm; 0 when its center lies outside the body
 fn tape_girth(field: &Field, tape: &Tape) -> f64 {
     let value = |p: DVec3| field.value_of(p, |r| tape.regions.contains(&r), tape.sides);
     let ray = |angle: f64| -> Option<DVec2> {
@@ -191,7 +191,7 @@ fn tape_girth(field: &Field, tape: &Tape) -> f64 {
         (radius > 0.0).then(|| DVec2::new(sin, cos) * radius)
     };
     let mut points: Vec<DVec2> = match tape.sides {
-        // Both sides are alike: half the turn will do.
+        // Both sides are alike: half the turn suffices.
         Sides::Both => {
             let half: Vec<DVec2> = (0..=RAYS / 2)
                 .filter_map(|n| ray(PI * n as f64 / (RAYS / 2) as f64))
@@ -209,10 +209,10 @@ fn tape_girth(field: &Field, tape: &Tape) -> f64 {
     hull_perimeter(&mut points) * CHORD_CORRECTION
 }
 
-/// Perimeter of a circle over that of the inscribed polygon with `RAYS` corners
+/// Ratio of the perimeter of a circle to that of the inscribed polygon with `RAYS` corners
 const CHORD_CORRECTION: f64 = 1.000_714;
 
-/// Perimeter of the convex hull (monotone chain)
+/// Computes the perimeter of the convex hull (monotone chain)
 fn hull_perimeter(points: &mut [DVec2]) -> f64 {
     points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     let chain = |forward: bool| -> f64 {

@@ -8,7 +8,7 @@ use super::field::{Field, Region, Relief};
 use super::primitives::{Section, Shape, Tube};
 use super::shape::Anatomy;
 
-/// Share of the head's length before the ear holes
+/// Share of the head's length in front of the ear holes
 const FRONT_OF_EAR: f64 = 0.53;
 
 /// One row of the head's table
@@ -112,7 +112,7 @@ pub(super) fn add_head(field: &mut Field, a: &Anatomy) {
         DVec3::new(a.by_sex(0.20, 0.32), 0.14, 0.16) * half_length,
     );
     field.add(Region::Head, chin, 14.0);
-    // Brows, and below them the sockets of the eyes
+    // Brows, and below them the eye sockets
     for (center, radii, height) in [
         (
             face(0.80, 0.98, 0.30),
@@ -138,9 +138,9 @@ pub(super) fn add_head(field: &mut Field, a: &Anatomy) {
     field.add_pair(Region::Head, ear, 9.0, 1.0);
 }
 
-/// Lower and upper end of the neck's axis
+/// Returns the lower and upper end of the neck's axis
 pub(super) fn neck_axis(a: &Anatomy) -> [DVec3; 2] {
-    let (m, frame) = (a.frame.mille, a.frame);
+    let (m, frame) = (a.frame.permille_mm, a.frame);
     [
         DVec3::new(
             0.0,
@@ -157,7 +157,7 @@ pub(super) fn neck_axis(a: &Anatomy) -> [DVec3; 2] {
 
 fn add_neck(field: &mut Field, a: &Anatomy) {
     let (d, frame) = (a.dimensions, a.frame);
-    let m = frame.mille;
+    let m = frame.permille_mm;
     let radius = d.neck_girth * a.scales.neck / TAU;
     let [from, to] = neck_axis(a);
     let along = (to - from).normalize_or(DVec3::Y);

@@ -11,7 +11,7 @@ use super::shape::Anatomy;
 /// One row of the leg's table
 ///
 /// Height in per mille; radii to the outside, inside, front and back in multiples of the girth's radius; shift of the center
-/// off the line from hip to ankle, to the outside and to the front, in per mille.
+/// off the line from hip to ankle, outward and to the front, in per mille.
 type LegRow = [f64; 7];
 
 /// The leg of an average adult; women and men differ by their girths
@@ -60,7 +60,7 @@ const LEG_LANDMARKS: [f64; 4] = [40.5, 277.0, 481.0, 516.0];
 /// Adds the left leg and its mirror image
 pub(super) fn add_leg(field: &mut Field, a: &Anatomy) {
     let (d, frame) = (a.dimensions, a.frame);
-    let m = frame.mille;
+    let m = frame.permille_mm;
     let height = Curve::new(
         LEG_LANDMARKS
             .into_iter()
@@ -84,9 +84,9 @@ pub(super) fn add_leg(field: &mut Field, a: &Anatomy) {
         .zip(&LEG_GIRTH)
         .map(|(row, blend)| {
             let girth: f64 = tapes.iter().zip(&blend[1..]).map(|(g, b)| g * b).sum();
-            // Up in the hips the leg is part of the hip girth.
+            // High up in the hips the leg is part of the hip girth.
             let in_hip = ((row[0] - 470.0) / 40.0).clamp(0.0, 1.0);
-            // Women's thighs and calves lie a little more to the front over the ankle.
+            // Women's thighs and calves lie slightly farther in front of the ankle.
             let bow = a.by_sex(4.0, -4.0) * ((row[0] - 75.0) / 100.0).clamp(0.0, 1.0);
             let radius = girth / TAU * a.scales.hip.powf(in_hip);
             let section = Section {
@@ -158,7 +158,7 @@ fn arm_section(row: &ArmRow, radius: f64) -> Section {
 /// Adds the left arm and its mirror image
 pub(super) fn add_arm(field: &mut Field, a: &Anatomy) {
     let (d, frame) = (a.dimensions, a.frame);
-    let m = frame.mille;
+    let m = frame.permille_mm;
     let radius = d.upper_arm_girth() * a.scales.upper_arm / TAU;
     let length = frame.shoulder.distance(frame.elbow);
     let keys: Vec<(f64, Section)> = UPPER_ARM

@@ -1,11 +1,12 @@
 //! The built-in parametric mannequin: a person of a given sex, stature and mass in the reference pose.
 //!
-//! Heights, breadths, depths and girths follow regressions on the ANSUR II survey. The body is an implicit surface, tubes
-//! of anatomical sections blended with lobes for breasts, seat, shoulders, face, hands and feet, whose section sizes are
-//! solved until the tape measures agree with the survey; then one closed, exactly symmetric mesh is extracted from it.
+//! Heights, breadths, depths and girths follow regressions on the ANSUR II survey. The body is an implicit surface:
+//! tubes of anatomical sections blended with lobes for breasts, seat, shoulders, face, hands and feet. The section
+//! sizes are solved until the tape measures agree with the survey; then one closed, exactly symmetric mesh is
+//! extracted.
 //!
-//! Promised: closed and manifold, one piece, soles on y = 0, stature exact. Not promised: facial features beyond brow,
-//! eye sockets, nose, lips and chin, nails, hair.
+//! Guaranteed: closed and manifold, one piece, soles on y = 0, stature exact. Not modeled: facial features beyond brow,
+//! eye sockets, nose, lips and chin; nails; hair.
 
 mod extremities;
 mod field;
@@ -39,45 +40,45 @@ use self::weights::skin_weight;
 use crate::Joint;
 use crate::{Avatar, ReferencePose, Sex};
 
-/// What a mannequin looks like and how it stands
+/// Proportions and stance of a mannequin
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MannequinParameters {
-    /// Whose proportions
+    /// Sex whose proportions are used
     pub sex: Sex,
     /// Height, in mm; the mean of the sex when not given
     pub stature_mm: Option<f64>,
     /// Body mass, in kg; a body mass index of [`DEFAULT_BMI`] when not given
     pub mass_kg: Option<f64>,
-    /// How it stands
+    /// Reference pose in which it stands
     pub pose: ReferencePose,
-    /// Upper arms below the horizontal, in degrees; as `pose` says when not given
+    /// Upper arms below the horizontal, in degrees; the angle of `pose` when not given
     pub arm_angle_degrees: Option<f64>,
 }
 
 /// Body mass index of a mannequin whose mass is not given, in kg/m^2
 ///
-/// The middle of what counts as normal weight. The survey's soldiers average 25.5 (women) and 27.7 (men), with more
-/// muscle than other people.
+/// The middle of the range that counts as normal weight. The survey's soldiers average 25.5 (women) and 27.7 (men),
+/// with more muscle than other people.
 pub const DEFAULT_BMI: f64 = 22.0;
 
-/// Statures outside these bounds are refused, in mm
+/// Accepted statures, in mm
 pub const STATURE_RANGE_MM: [f64; 2] = [500.0, 3000.0];
 
-/// Body mass indices outside these bounds are refused, in kg/m^2
+/// Accepted body mass indices, in kg/m^2
 pub const BMI_RANGE: [f64; 2] = [11.0, 75.0];
 
-/// Arm angles outside these bounds are refused, in degrees below the horizontal; lower arms would grow into the hips
+/// Accepted arm angles, in degrees below the horizontal; lower arms would merge with the hips
 pub const ARM_ANGLE_RANGE_DEGREES: [f64; 2] = [-30.0, 75.0];
 
-/// Statures for which the regressions hold, in mm; other bodies are scaled copies
+/// Statures for which the regressions are valid, in mm; other bodies are scaled copies
 const REGRESSION_STATURE_MM: [f64; 2] = [1300.0, 2150.0];
 
-/// Body mass indices for which the regressions give shapes that fit together, in kg/m^2
+/// Body mass indices for which the regressions give consistent shapes, in kg/m^2
 const REGRESSION_BMI: [f64; 2] = [14.0, 50.0];
 
-/// Why there is no such mannequin
+/// Why a mannequin cannot be built
 #[derive(Debug, Clone, PartialEq, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum MannequinError {
     #[error("stature of {stature_mm} mm is outside {} to {} mm", STATURE_RANGE_MM[0], STATURE_RANGE_MM[1])]
     Stature { stature_mm: f64 },
@@ -86,7 +87,7 @@ pub enum MannequinError {
     #[error("arm angle of {degrees} degrees is outside {} to {} degrees below the horizontal", ARM_ANGLE_RANGE_DEGREES[0], ARM_ANGLE_RANGE_DEGREES[1])]
     ArmAngle { degrees: f64 },
     #[error(
-        "no closed surface came out for a stature of {stature_mm:.0} mm and a mass of {mass_kg:.1} kg"
+        "no closed surface could be extracted for a stature of {stature_mm:.0} mm and a mass of {mass_kg:.1} kg"
     )]
     Surface { stature_mm: f64, mass_kg: f64 },
 }
@@ -136,23 +137,23 @@ impl MannequinParameters {
 /// Builds the mannequin
 ///
 /// # Errors
-/// When a parameter is not a number or out of bounds; no other input fails.
+/// When a parameter is not a number or out of bounds; every other input succeeds.
 pub fn mannequin(parameters: &MannequinParameters) -> Result<Avatar, MannequinError> {
-    build_figure(parameters, 1.0)
+    build_avatar(parameters, 1.0)
 }
 
 /// Builds the mannequin on a coarse mesh, in a quarter of the time
 ///
-/// The same body with fingers in lumps: enough to see how well its proportions fit.
+/// The same body with merged fingers: sufficient to evaluate how well its proportions fit.
 ///
 /// # Errors
-/// As [`mannequin`].
-pub fn sketch(parameters: &MannequinParameters) -> Result<Avatar, MannequinError> {
-    build_figure(parameters, SKETCH_SPACING)
+/// Same as [`mannequin`].
+pub fn coarse_mannequin(parameters: &MannequinParameters) -> Result<Avatar, MannequinError> {
+    build_avatar(parameters, COARSE_SPACING)
 }
 
-/// Builds the figure on a grid whose planes are `spacing` times as far apart as usual
-fn build_figure(parameters: &MannequinParameters, spacing: f64) -> Result<Avatar, MannequinError> {
+/// Builds the mannequin on a grid whose planes are `spacing` times as far apart as usual
+fn build_avatar(parameters: &MannequinParameters, spacing: f64) -> Result<Avatar, MannequinError> {
     let checked = parameters.check()?;
     let body = Body::new(&checked);
     let mesh = body.surface(spacing).ok_or(MannequinError::Surface {
@@ -189,15 +190,15 @@ fn scale(avatar: &mut Avatar, factor: f64) {
     }
 }
 
-/// Distance of the grid's corners on the hands, in thousandths of the stature
+/// Distance between grid corners on the hands, in thousandths of the stature
 ///
-/// Wider, and the gaps between the fingers close in lumps; each 10 % less costs 400 vertices.
+/// With a wider spacing the gaps between the fingers close; each 10 % less costs 400 vertices.
 const HAND_SPACING: f64 = 3.3;
 
-/// Distance of the planes of a [`sketch`] over that of a mannequin
-const SKETCH_SPACING: f64 = 2.0;
+/// Ratio of the plane distance of a [`coarse_mannequin`] to that of a mannequin
+const COARSE_SPACING: f64 = 2.0;
 
-/// Grids tried before giving up; one in a few hundred bodies needs the second
+/// Number of grids tried before failing; one in a few hundred bodies needs the second
 const GRID_ATTEMPTS: usize = 4;
 
 /// The implicit body with the dimensions that it follows
@@ -242,7 +243,7 @@ impl Body {
         }
     }
 
-    /// The closed surface; the grid is moved a little when the first one meets the surface badly
+    /// Extracts the closed surface; the grid is shifted slightly when the first one intersects the surface badly
     fn surface(&self, spacing: f64) -> Option<TriMesh> {
         (0..GRID_ATTEMPTS).find_map(|attempt| {
             let grid = self.grid(attempt as f64 / GRID_ATTEMPTS as f64, spacing);
@@ -255,7 +256,7 @@ impl Body {
     ///
     /// `shift` moves its planes by a share of their distance, which is `widening` times the usual one.
     fn grid(&self, shift: f64, widening: f64) -> Grid {
-        let (m, frame) = (self.frame.mille, &self.frame);
+        let (m, frame) = (self.frame.permille_mm, &self.frame);
         let (lo, hi) = self.field.bounds();
         let planes = |from: f64, to: f64, spacing: &dyn Fn(f64) -> f64| -> Vec<f64> {
             let mut planes = vec![from];
@@ -266,7 +267,7 @@ impl Body {
             }
             planes
         };
-        // Spacing changes gradually; a hand that hangs steeply is short along x.
+        // Spacing changes gradually; a hand that points steeply down is short along x.
         let steepness = (frame.forearm_axes.y_axis.x / 0.45).clamp(0.3, 1.0);
         let close = |x: f64| ramp(x, frame.elbow.x, frame.wrist.x);
         let half = planes((3.2 + 0.5 * shift) * widening * m, hi.x, &|x| {
@@ -274,7 +275,7 @@ impl Body {
         });
         let x = half.iter().rev().map(|x| -x).chain(half.iter().copied());
         let chin = frame.tragion.y - 70.0 * m;
-        // Beyond the bounds by what the lenses may bend inward.
+        // Extends beyond the bounds by the distance that the lenses may bend inward.
         let beyond = 140.0 * m;
         Grid {
             x: x.collect(),
@@ -308,7 +309,7 @@ impl Body {
 
     fn keypoints(&self) -> [DVec3; Joint::COUNT] {
         let (d, frame) = (&self.dimensions, &self.frame);
-        let m = frame.mille;
+        let m = frame.permille_mm;
         let crown = frame.tragion.y + d.crown_to_tragion;
         let foot = FootPlan::new(d, frame);
         let ahead = |x: f64, depth: f64| {

@@ -1,13 +1,13 @@
-//! What the parts of the body are made of: tubes along curves, with egg-shaped sections, ellipsoids and cones.
+//! Building blocks of the body: tubes along curves, with egg-shaped sections, ellipsoids and cones.
 
 use glam::{DMat3, DVec2, DVec3};
 
-/// A cross-section of a tube: an egg of two half-ellipses in each direction, squared off or not
+/// A cross-section of a tube: half-ellipses of different radii in each direction, optionally squared off
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Section {
-    /// Shift of the section's center off the tube's axis, to the side and to the front
+    /// Shift of the section's center from the tube's axis, to the side and to the front
     pub center: DVec2,
-    /// Radius to the side, away from the body's middle
+    /// Radius to the side away from the body's middle
     pub outer: f64,
     /// Radius to the other side
     pub inner: f64,
@@ -52,7 +52,8 @@ impl Section {
         Self::from_channels(std::array::from_fn(|i| a[i] + (b[i] - a[i]) * t))
     }
 
-    /// Distance of a point of the section's plane from the section's center, and that as a multiple of the radius there
+    /// Returns the distance of a point of the section's plane from the section's center, and its multiple of the radius
+    /// there
     fn polar(&self, p: DVec2) -> (f64, f64) {
         let q = p - self.center;
         let u = q.x / if q.x >= 0.0 { self.outer } else { self.inner };
@@ -102,10 +103,10 @@ pub(super) struct Tube {
 const SECTION_STEP: f64 = 4.0;
 
 impl Tube {
-    /// Runs a smooth curve through sections given at increasing stations along the axis
+    /// Fits a smooth curve through sections given at increasing stations along the axis
     ///
     /// # Panics
-    /// With less than two keys.
+    /// With fewer than two keys.
     pub(super) fn new(origin: DVec3, axes: DMat3, keys: &[(f64, Section)], caps: [f64; 2]) -> Self {
         let stations: Vec<f64> = keys.iter().map(|(t, _)| *t).collect();
         let channels: Vec<[f64; 8]> = keys.iter().map(|(_, s)| s.channels()).collect();
@@ -138,9 +139,9 @@ impl Tube {
         }
     }
 
-    /// Rounds off what the curves bend too suddenly, over about `width` mm along the axis; the end sections stay
+    /// Smooths abrupt bends of the curves over about `width` mm along the axis; the end sections are unchanged
     pub(super) fn smoothed(mut self, width: f64) -> Self {
-        // Each pass of weights 1/4, 1/2, 1/4 adds half a step squared to the variance.
+        // Each pass of weights 1/4, 1/2, 1/4 adds half a squared step to the variance.
         let passes = (2.0 * (width / self.step).powi(2)).ceil() as usize;
         let mut values: Vec<[f64; 8]> = self.sections.iter().map(Section::channels).collect();
         for _ in 0..passes {
@@ -157,7 +158,7 @@ impl Tube {
         self
     }
 
-    /// The section at a station along the axis
+    /// Returns the section at a station along the axis
     pub(super) fn section(&self, station: f64) -> Section {
         let x = ((station.clamp(self.start, self.end) - self.start) / self.step).max(0.0);
         let last = self.sections.len() - 1;
@@ -165,12 +166,12 @@ impl Tube {
         self.sections[i].lerp(&self.sections[(i + 1).min(last)], x - i as f64)
     }
 
-    /// Coordinates of a point along side, axis and front
+    /// Returns the coordinates of a point along side, axis and front
     pub(super) fn local(&self, p: DVec3) -> DVec3 {
         self.axes.transpose() * (p - self.origin)
     }
 
-    /// The point at these coordinates along side, axis and front
+    /// Returns the point at these coordinates along side, axis and front
     pub(super) fn world(&self, local: DVec3) -> DVec3 {
         self.origin + self.axes * local
     }
@@ -201,7 +202,7 @@ impl Tube {
         let reach = self.sections.iter().map(Section::reach).fold(0.0, f64::max);
         let ends = [self.start - self.caps[0], self.end + self.caps[1]]
             .map(|t| self.world(DVec3::new(0.0, t, 0.0)));
-        // A disk across a unit axis reaches sqrt(1 - axis^2) of its radius along each coordinate.
+        // A disk perpendicular to a unit axis reaches sqrt(1 - axis^2) of its radius along each coordinate.
         let axis = self.axes.y_axis;
         let disk = (DVec3::ONE - axis * axis).max(DVec3::ZERO).map(f64::sqrt) * reach;
         (ends[0].min(ends[1]) - disk, ends[0].max(ends[1]) + disk)
@@ -219,7 +220,7 @@ pub(super) struct Curve {
 }
 
 impl Curve {
-    /// Through points of increasing abscissa
+    /// Interpolates points of increasing abscissa
     pub(super) fn new(points: Vec<(f64, f64)>) -> Self {
         let n = points.len();
         let rise = |i: usize| -> f64 {
@@ -242,7 +243,7 @@ impl Curve {
         Self { points, slopes }
     }
 
-    /// Value at an abscissa; constant beyond the ends
+    /// Returns the value at an abscissa; constant beyond the ends
     pub(super) fn at(&self, x: f64) -> f64 {
         let after = self.points.partition_point(|(px, _)| *px <= x);
         if after == 0 {
@@ -274,7 +275,7 @@ pub(super) enum Shape {
         axes: DMat3,
         radii: DVec3,
     },
-    /// The hull of two balls
+    /// The convex hull of two balls
     Cone {
         from: DVec3,
         to: DVec3,
@@ -283,7 +284,7 @@ pub(super) enum Shape {
 }
 
 impl Shape {
-    /// An ellipsoid along the axes of the world
+    /// Creates an ellipsoid along the axes of the world
     pub(super) fn ellipsoid(center: DVec3, radii: DVec3) -> Self {
         Shape::Ellipsoid {
             center,

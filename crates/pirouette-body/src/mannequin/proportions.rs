@@ -1,18 +1,19 @@
 //! Body dimensions by sex, stature and mass, from regressions on the ANSUR II survey.
 //!
 //! # Source
-//! Gordon et al. 2014, *2012 Anthropometric Survey of U.S. Army Personnel*, Natick/TR-15/007. The fit is described
-//! in `assets/README.md`. Upper arms and forearms were measured flexed there; a mannequin's arms hang relaxed.
+//! Gordon et al. 2014, *2012 Anthropometric Survey of U.S. Army Personnel: Methods and Summary Statistics*,
+//! Natick/TR-15/007. `assets/README.md` of this crate describes the fit. The survey measured upper arms and forearms
+//! flexed; a mannequin's arms are relaxed.
 
 use crate::Sex;
 use crate::survey::Regression;
 
-/// Girth of a relaxed upper arm over that of a flexed one
+/// Ratio of the girth of a relaxed upper arm to that of a flexed one
 ///
-/// Flexing adds 4 to 7 % in surveys that took both.
+/// Flexing adds 4 to 7 % in surveys that measured both.
 const RELAXED_OVER_FLEXED_UPPER_ARM: f64 = 0.945;
 
-/// Girth of a relaxed forearm over that of a flexed one
+/// Ratio of the girth of a relaxed forearm to that of a flexed one
 const RELAXED_OVER_FLEXED_FOREARM: f64 = 0.965;
 
 /// Declares the dimensions that the mannequin uses; the names are those of the table
@@ -20,7 +21,7 @@ macro_rules! dimensions {
     ($($name:ident),* $(,)?) => {
         /// Dimensions of one body, in mm; heights above the floor
         #[derive(Debug, Clone, PartialEq)]
-        #[allow(missing_docs, reason = "the names say it")]
+        #[allow(missing_docs, reason = "the names are self-explanatory")]
         pub struct Proportions {
             $(pub $name: f64,)*
         }
@@ -30,7 +31,7 @@ macro_rules! dimensions {
                 Self { $($name: dimension(stringify!($name)),)* }
             }
 
-            /// The same body `factor` times as large
+            /// Returns the same body scaled by `factor`
             pub fn scaled(mut self, factor: f64) -> Self {
                 $(self.$name *= factor;)*
                 self
@@ -87,7 +88,7 @@ dimensions!(
 );
 
 impl Proportions {
-    /// Mean dimensions of people of that sex, stature and mass; neutral is the mean of both sexes
+    /// Returns the mean dimensions of people of a given sex, stature and mass; neutral is the mean of both sexes
     ///
     /// # Panics
     /// Never: the table is part of the program and complete.
@@ -103,12 +104,12 @@ impl Proportions {
         })
     }
 
-    /// Girth of the relaxed upper arm halfway between shoulder and elbow, in mm
+    /// Returns the girth of the relaxed upper arm halfway between shoulder and elbow, in mm
     pub fn upper_arm_girth(&self) -> f64 {
         RELAXED_OVER_FLEXED_UPPER_ARM * self.biceps_flexed_girth
     }
 
-    /// Largest girth of the relaxed forearm, in mm
+    /// Returns the largest girth of the relaxed forearm, in mm
     pub fn forearm_girth(&self) -> f64 {
         RELAXED_OVER_FLEXED_FOREARM * self.forearm_flexed_girth
     }
@@ -119,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn means_of_the_survey_come_back() {
+    fn means_of_the_survey_are_reproduced() {
         // Mean stature and mass of the men; their mean waist girth is 941 mm, hip girth 1020 mm.
         let men = Proportions::regressed(Sex::Male, 1756.2, 85.5);
         assert!((men.waist_girth - 941.0).abs() < 6.0, "{}", men.waist_girth);

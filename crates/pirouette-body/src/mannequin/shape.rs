@@ -1,9 +1,9 @@
-//! From dimensions and joints to the implicit surface of a person.
+//! Builds the implicit surface of a person from dimensions and joints.
 //!
-//! The anatomy lives in the tables of this module and its neighbors: heights, radii and shifts of sections, in
-//! per mille of the stature for the trunk and in multiples of the girth's radius for the limbs, drawn after standing adults
-//! of average weight. Mass changes them by what the survey says of breadths and depths; [`GirthScales`] then brings the
-//! tape measures to their exact values.
+//! The anatomy is encoded in the tables of this module and its neighbors: heights, radii and shifts of sections, in per
+//! permille_mm of the stature for the trunk and in multiples of the girth's radius for the limbs, modeled on standing adults
+//! of average weight. Mass changes them by the survey's breadths and depths; [`GirthScales`] then brings the tape
+//! measures to their exact values.
 
 use super::extremities::{add_foot, add_hand};
 use super::field::Field;
@@ -14,30 +14,30 @@ use super::proportions::Proportions;
 use super::trunk::add_trunk;
 use crate::Sex;
 
-/// Everything that a part of the body is built from
+/// Inputs from which every part of the body is built
 #[derive(Debug)]
 pub(super) struct Anatomy<'a> {
     /// 0 female, 1 male
     pub maleness: f64,
     pub dimensions: &'a Proportions,
-    /// Dimensions of the same person at the weight for which the tables were drawn
+    /// Dimensions of the same person at the weight that the tables describe
     pub lean: &'a Proportions,
     pub frame: &'a Frame,
     pub scales: &'a GirthScales,
 }
 
 impl Anatomy<'_> {
-    /// Between a female and a male value
+    /// Interpolates between a female and a male value
     pub(super) fn by_sex(&self, female: f64, male: f64) -> f64 {
         female + (male - female) * self.maleness
     }
 }
 
-/// Body mass index (kg/m^2) of the persons whose sections the tables describe
+/// Body mass index (kg/m^2) of the people whose sections the tables describe
 pub(super) const LEAN_BMI: f64 = 22.0;
 
 impl Sex {
-    /// 0 female, 1 male
+    /// Returns 0 for female, 1 for male, and the value between for neutral
     pub(super) fn maleness(self) -> f64 {
         match self {
             Sex::Female => 0.0,
@@ -47,9 +47,9 @@ impl Sex {
     }
 }
 
-/// Factors on the sections near each tape, found by measuring
+/// Factors on the sections near each tape, determined by measuring
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names are self-explanatory")]
 pub(super) struct GirthScales {
     pub neck: f64,
     pub chest: f64,
@@ -82,7 +82,7 @@ impl Default for GirthScales {
     }
 }
 
-/// Builds the whole body
+/// Builds the complete body
 pub(super) fn build(anatomy: &Anatomy) -> Field {
     let mut field = Field::default();
     add_trunk(&mut field, anatomy);

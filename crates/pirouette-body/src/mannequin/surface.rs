@@ -1,14 +1,15 @@
-//! From the implicit body to a closed triangle mesh, exactly symmetric.
+//! Extracts a closed, exactly symmetric triangle mesh from the implicit body.
 //!
-//! A dual method on a grid whose planes lie closer where hands, feet and face are: one vertex per patch of surface in a
-//! cell, one quad per grid edge that crosses the surface. The surface is followed from one cell to the next, so that only its cells are
-//! ever looked at and the result is one piece. Afterwards the vertices spread evenly along the surface.
+//! A dual method on a grid whose planes lie closer together at hands, feet and face: one vertex per patch of surface in
+//! a cell, one quad per grid edge that crosses the surface. The surface is followed from cell to cell, so only the
+//! cells that it crosses are visited and the result is one piece. Afterwards the vertices are distributed evenly along
+//! the surface.
 //!
 //! # Source
-//! Nielson 2004, "Dual marching cubes": a vertex per patch instead of one per cell, which keeps apart what passes through the same
-//! cell. An edge shared by four faces would remain where two cells meet in a face with two inside corners across that
-//! belongs to a single patch in both; there the face is read the other way, as in Wenger 2013, *Isosurfaces*,
-//! section 3.3.
+//! Nielson 2004, "Dual marching cubes": a vertex per patch instead of one per cell, which separates sheets that pass
+//! through the same cell. An edge shared by four faces would remain where two cells meet in a face with two diagonally
+//! opposite inside corners that belong to a single patch in both; there the face is resolved the other way, as in
+//! Wenger 2013, *Isosurfaces*, section 3.3.
 
 use glam::DVec3;
 use pirouette_geom::TriMesh;
@@ -16,7 +17,7 @@ use rayon::prelude::*;
 
 use super::field::{Field, Neighborhood, ramp};
 
-/// Planes of the grid along x (symmetric about 0, none at 0), y and z, in mm, increasing, and how they are bent
+/// Planes of the grid along x (symmetric about 0, none at 0), y and z, in mm, increasing, and their bending
 #[derive(Debug, Clone)]
 pub(super) struct Grid {
     pub x: Vec<f64>,
@@ -32,29 +33,30 @@ impl Grid {
     }
 }
 
-/// Bends a grid so that its cells are smaller where head, hands and feet are
+/// Bends a grid so that its cells are smaller at head, hands and feet
 ///
-/// The grid close up towards the axis of the forearm and hand as they go outward, towards the head's axis as they go up, and towards the
-/// middle of the feet as they go down. Every step keeps their order, and the mirror plane where it is.
+/// Grid lines contract towards the axis of the forearm and hand as they go outward, towards the head's axis as they go
+/// up, and towards the middle of the feet as they go down. Every step preserves their order and the mirror plane.
 #[derive(Debug, Clone)]
 pub(super) struct Lenses {
-    /// Forearm and hand of the left side: from the elbow, where closing up begins, to the wrist, where it is complete
+    /// Forearm and hand of the left side: from the elbow, where the contraction begins, to the wrist, where it is
+    /// complete
     pub forearm: [DVec3; 2],
-    /// Distances from the axis of the hand over those of the grid
+    /// Ratio of distances from the axis of the hand to those of the grid
     pub hand_scale: f64,
-    /// Heights between which the head's closing up goes from nothing to all
+    /// Heights between which the contraction at the head grows from none to full
     pub neck: [f64; 2],
     /// z of the head's axis
     pub head_z: f64,
-    /// Distances from the axis of the head over those of the grid
+    /// Ratio of distances from the axis of the head to those of the grid
     pub head_scale: f64,
-    /// x between which the head's closing up ends: raised arms have none of it
+    /// Range of x in which the contraction at the head fades out: raised arms are not contracted
     pub head_reach: [f64; 2],
-    /// Heights between which the feet's closing up goes from all to nothing
+    /// Heights between which the contraction at the feet fades from full to none
     pub ankle: [f64; 2],
     /// z of the middle of the feet
     pub foot_z: f64,
-    /// Distances from the middle of the feet over those of the grid
+    /// Ratio of distances from the middle of the feet to those of the grid
     pub foot_scale: f64,
 }
 
@@ -77,13 +79,13 @@ impl Lenses {
     }
 }
 
-/// Rounds of spreading the vertices along the surface
+/// Rounds of redistributing the vertices along the surface
 const RELAX_ROUNDS: usize = 5;
 
-/// How far a vertex moves to the middle of its neighbors per round
+/// Share of the way to the middle of its neighbors that a vertex moves per round
 const RELAX_STEP: f64 = 0.55;
 
-/// What lies farther than this from where a vertex starts does not shape the surface where it ends, in mm
+/// Parts farther than this from the initial position of a vertex do not shape the surface at its final position, in mm
 const RELAX_REACH: f64 = 24.0;
 
 /// Step of the numeric gradient, in mm
@@ -95,9 +97,9 @@ const NONE: u32 = u32::MAX;
 struct Cells<'a> {
     field: &'a Field,
     grid: &'a Grid,
-    /// Middle cell along x, the one that the mirror plane cuts in half
+    /// Middle cell along x, which the mirror plane halves
     middle: usize,
-    /// Values at the grid's corners, NaN where nobody asked yet
+    /// Values at the grid's corners, NaN where not evaluated yet
     values: Vec<f32>,
     /// Index into `patches` per cell
     index: Vec<u32>,
@@ -118,13 +120,14 @@ impl<'a> Cells<'a> {
         }
     }
 
-    /// Corner or cell (i, j, k) with i from the middle on
+    /// Index of corner or cell (i, j, k) with i from the middle on
     fn slot(&self, i: usize, j: usize, k: usize) -> usize {
         ((i - self.middle) * self.grid.y.len() + j) * self.grid.z.len() + k
     }
 
     fn value(&mut self, i: usize, j: usize, k: usize) -> f64 {
-        // Corner grid mirror into each other: the middle cell lies between grid `middle` and `middle + 1`.
+        // The corners of the grid mirror into each other: the middle cell lies between grid planes `middle` and `middle
+        // + 1`.
         let i = i.max(2 * self.middle + 1 - i);
         let slot = self.slot(i, j, k);
         if self.values[slot].is_nan() {
@@ -133,7 +136,7 @@ impl<'a> Cells<'a> {
         f64::from(self.values[slot])
     }
 
-    /// Values at the eight corners; bit 0 of the corner is x, bit 1 y, bit 2 z
+    /// Returns the values at the eight corners; bit 0 of the corner is x, bit 1 y, bit 2 z
     fn corners(&mut self, [i, j, k]: [usize; 3]) -> [f64; 8] {
         std::array::from_fn(|c| self.value(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2)))
     }
@@ -195,7 +198,7 @@ fn mixed(values: impl Iterator<Item = f64>) -> bool {
     inside && outside
 }
 
-/// The two corners of a cell's edge; edges `4 * axis + n` run along an axis
+/// Returns the two corners of a cell's edge; edges `4 * axis + n` run along an axis
 fn edge_corners(edge: usize) -> [usize; 2] {
     let (axis, n) = (edge / 4, edge % 4);
     let (first, second) = [(1, 2), (0, 2), (0, 1)][axis];
@@ -203,12 +206,12 @@ fn edge_corners(edge: usize) -> [usize; 2] {
     [from, from | 1 << axis]
 }
 
-/// The same edge in the cell's mirror image
+/// Returns the same edge in the cell's mirror image
 fn mirror_edge(edge: usize) -> usize {
     if edge < 4 { edge } else { edge ^ 1 }
 }
 
-/// The edge of a cell between two of its corners
+/// Returns the edge of a cell between two of its corners
 fn edge_between(a: usize, b: usize) -> usize {
     let axis = (a ^ b).trailing_zeros() as usize;
     let (first, second) = [(1, 2), (0, 2), (0, 1)][axis];
@@ -216,10 +219,10 @@ fn edge_between(a: usize, b: usize) -> usize {
     4 * axis + (from >> first & 1) + 2 * (from >> second & 1)
 }
 
-/// Per edge of a cell, the smallest edge of the same patch; `None` where nothing crosses
+/// Per edge of a cell, the smallest edge of the same patch; `None` where no surface crosses
 type Patches = [Option<usize>; 12];
 
-/// Whether a face of a cell has two inside corners across that lie on one patch of it
+/// Returns whether a face of a cell has two diagonally opposite inside corners that lie on one patch of the cell
 fn pinched(values: &[f64; 8], patches: &Patches, axis: usize, side: usize) -> bool {
     let (u, v) = [(2, 4), (1, 4), (1, 2)][axis];
     let base = side << axis;
@@ -229,7 +232,7 @@ fn pinched(values: &[f64; 8], patches: &Patches, axis: usize, side: usize) -> bo
         && (1..4).all(|i| edge(i) == edge(0))
 }
 
-/// Labels the crossed edges of all cells, so that no two cells pinch the surface at the face between them
+/// Labels the crossed edges of all cells so that no two cells pinch the surface at the face between them
 fn all_patches(cells: &mut Cells) -> Vec<Patches> {
     let values: Vec<[f64; 8]> = (0..cells.cells.len())
         .map(|n| cells.corners(cells.cells[n]))
@@ -263,10 +266,10 @@ fn all_patches(cells: &mut Cells) -> Vec<Patches> {
     labels
 }
 
-/// Labels the crossed edges of a cell by the patch of surface that crosses them; `None` where nothing crosses
+/// Labels the crossed edges of a cell by the patch of surface that crosses them; `None` where no surface crosses
 ///
-/// On a face with two inside corners across, these stay apart, or are joined where its bit `2 * axis + side` is set in `joined`.
-/// Neighbors see the same face and decide alike.
+/// On a face with two diagonally opposite inside corners, these are separated, or joined where bit `2 * axis + side` of
+/// `joined` is set. Neighboring cells share the face and decide alike.
 fn patches(values: &[f64; 8], joined: u8) -> Patches {
     let inside = |c: usize| values[c] < 0.0;
     let mut label: [Option<usize>; 12] = std::array::from_fn(|e| {
@@ -316,7 +319,7 @@ pub(super) fn extract(field: &Field, grid: &Grid, inside: DVec3) -> Option<TriMe
     let seed = seed_cell(&mut cells, inside)?;
     cells.follow(seed);
 
-    // Vertices: one per patch, with its mirror image beside it.
+    // Vertices: one per patch, next to its mirror image.
     let middle = cells.middle;
     let mut positions: Vec<DVec3> = Vec::new();
     let mut mirror: Vec<u32> = Vec::new();
@@ -375,7 +378,7 @@ pub(super) fn extract(field: &Field, grid: &Grid, inside: DVec3) -> Option<TriMe
             Some(vertices[edge])
         }
     };
-    // Quads: around each crossed edge, all of them seen from the cell at whose lowest corner the edge starts.
+    // Quads: around each crossed edge, each emitted from the cell whose lowest corner starts the edge.
     let mut quads: Vec<[u32; 4]> = Vec::new();
     let values = &cells.values;
     let value_at =
@@ -392,7 +395,7 @@ pub(super) fn extract(field: &Field, grid: &Grid, inside: DVec3) -> Option<TriMe
             if from == to {
                 continue;
             }
-            // The four cells around the edge, counter-clockwise seen from the axis' positive end.
+            // The four cells around the edge, counter-clockwise seen from the positive end of the axis.
             let (u, v) = [(1, 2), (2, 0), (0, 1)][axis];
             let around = [(1, 1), (0, 1), (0, 0), (1, 0)];
             let mut quad = [NONE; 4];
@@ -456,7 +459,7 @@ fn crossing(grid: &Grid, cell: [usize; 3], edge: usize, values: &[f64; 8]) -> DV
     at(a).lerp(at(b), t)
 }
 
-/// Spreads the vertices along the surface and puts them onto it
+/// Distributes the vertices along the surface and projects them onto it
 fn relax(field: &Field, positions: &mut [DVec3], mirror: &[u32], quads: &[[u32; 4]]) {
     let count = positions.len();
     let mut neighbors: Vec<Vec<u32>> = vec![Vec::with_capacity(6); count];
@@ -483,7 +486,7 @@ fn relax(field: &Field, positions: &mut [DVec3], mirror: &[u32], quads: &[[u32; 
             field.around(DVec3::new(p.x.abs(), p.y, p.z), RELAX_REACH)
         })
         .collect();
-    // Where the value vanishes, to first order, with the gradient there or one of a round before.
+    // Zero of the field to first order, with the gradient there or one of a previous round.
     let project =
         |field: &Neighborhood, p: DVec3, middle: bool, known: Option<DVec3>| -> (DVec3, DVec3) {
             let gradient = known.unwrap_or_else(|| {
@@ -498,7 +501,7 @@ fn relax(field: &Field, positions: &mut [DVec3], mirror: &[u32], quads: &[[u32; 
                 return (p, DVec3::ZERO);
             }
             let value = field.value(p);
-            // A step is bounded so that the far side of a crease cannot throw a vertex away.
+            // Steps are bounded so that the far side of a crease cannot move a vertex far away.
             let step = (gradient * (value / squared)).clamp_length_max(MAX_STEP);
             (p - step, gradient)
         };
@@ -543,11 +546,12 @@ fn relax(field: &Field, positions: &mut [DVec3], mirror: &[u32], quads: &[[u32; 
     }
 }
 
-/// How far the vertices finally stand out of the surface, as a share of how far the middle of their neighbors sinks in
+/// Distance by which the vertices finally protrude from the surface, as a share of the sag of the middle of their
+/// neighbors
 ///
-/// Flat facets between vertices on a curved surface run below it: a mesh would be too thin, a wrist by 1.4 %. With
-/// neighbors at distance c and curvatures a and b the middle of four neighbors sinks c^2/4 (a + b), and the facets run
-/// c^2/12 (a + b) below the surface on average.
+/// Flat facets between vertices on a curved surface run below it: the mesh would be too thin, a wrist by 1.4 %. With
+/// neighbors at distance c and curvatures a and b the middle of four neighbors sags by c^2/4 (a + b), and the facets
+/// run c^2/12 (a + b) below the surface on average.
 const FACET_SHARE: f64 = 1.0 / 3.0;
 
 /// Longest step of one projection, in mm

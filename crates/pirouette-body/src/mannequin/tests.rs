@@ -17,7 +17,7 @@ fn person(sex: Sex, stature_mm: f64, bmi: f64, pose: ReferencePose) -> Avatar {
     mannequin(&parameters).unwrap()
 }
 
-/// Every directed edge once, its opposite once
+/// Asserts that every directed edge occurs once, and its opposite once
 fn assert_closed(mesh: &TriMesh) {
     let mut edges: HashSet<(u32, u32)> = HashSet::new();
     let directed = || {
@@ -48,7 +48,7 @@ fn assert_valid(avatar: &Avatar, stature_mm: f64) {
 }
 
 #[test]
-fn hips_stand_before_the_turning_axis_as_those_of_imported_figures() {
+fn hips_are_in_front_of_the_turning_axis_as_in_imported_avatars() {
     for (sex, stature_mm) in [(Sex::Female, 1500.0), (Sex::Male, 1950.0)] {
         let avatar = person(sex, stature_mm, 24.0, ReferencePose::T);
         let head = |bone: Bone| avatar.bone_heads[bone as usize];
@@ -60,7 +60,7 @@ fn hips_stand_before_the_turning_axis_as_those_of_imported_figures() {
     }
 }
 
-/// Hull perimeter of the points where a plane cuts triangles whose strongest bones are among those given
+/// Perimeter of the hull of the points where a plane cuts triangles whose strongest bones are among those given
 fn girth(avatar: &Avatar, origin: DVec3, normal: DVec3, bones: &[Bone]) -> f64 {
     let (u, v) = normal.any_orthonormal_pair();
     let mut cut: Vec<DVec2> = Vec::new();
@@ -104,7 +104,7 @@ fn assert_girths_follow_the_survey(sex: Sex, bmi: f64) {
     ];
     let leg = [Bone::LeftThigh, Bone::LeftShin];
     let level = |y: f64| DVec3::new(0.0, y, 0.0);
-    let mille = stature_mm / 1000.0;
+    let permille_mm = stature_mm / 1000.0;
     let arm = head(Bone::LeftForearm) - head(Bone::LeftUpperArm);
     let forearm = head(Bone::LeftHand) - head(Bone::LeftForearm);
     let middle = |a: Bone, b: Bone, t: f64| head(a).lerp(head(b), t);
@@ -127,12 +127,17 @@ fn assert_girths_follow_the_survey(sex: Sex, bmi: f64) {
         (
             "knee",
             d.lower_thigh_girth,
-            girth(&avatar, level(d.knee_height + 22.0 * mille), DVec3::Y, &leg),
+            girth(
+                &avatar,
+                level(d.knee_height + 22.0 * permille_mm),
+                DVec3::Y,
+                &leg,
+            ),
         ),
         (
             "ankle",
             d.ankle_girth,
-            girth(&avatar, level(78.0 * mille), DVec3::Y, &leg),
+            girth(&avatar, level(78.0 * permille_mm), DVec3::Y, &leg),
         ),
         (
             "upper arm",
@@ -158,18 +163,18 @@ fn assert_girths_follow_the_survey(sex: Sex, bmi: f64) {
         let error = measured / expected - 1.0;
         assert!(
             error.abs() < 0.012,
-            "{sex:?} {bmi}: {name} {measured:.0} for {expected:.0}"
+            "{sex:?} {bmi}: {name} {measured:.0}, expected {expected:.0}"
         );
     }
     let volume = avatar.mesh.volume() / 1e6;
     assert!(
         (volume / mass_kg - 1.0).abs() < 0.06,
-        "{sex:?} {bmi}: {volume:.1} l for {mass_kg:.1} kg"
+        "{sex:?} {bmi}: {volume:.1} l at {mass_kg:.1} kg"
     );
 }
 
 #[test]
-fn the_neutral_body_is_closed_symmetric_and_as_tall_as_asked() {
+fn the_neutral_body_is_closed_symmetric_and_has_the_requested_stature() {
     let avatar = person(Sex::Neutral, 1700.0, 22.0, ReferencePose::A);
     assert_valid(&avatar, 1700.0);
     let key = |p: DVec3| p.to_array().map(f64::to_bits);
@@ -225,7 +230,7 @@ fn extreme_bodies_are_valid() {
 }
 
 #[test]
-fn impossible_parameters_are_errors() {
+fn impossible_parameters_are_rejected() {
     let with = |stature_mm: f64, mass_kg: Option<f64>, arm_angle_degrees: Option<f64>| {
         mannequin(&MannequinParameters {
             stature_mm: Some(stature_mm),
@@ -253,7 +258,7 @@ fn impossible_parameters_are_errors() {
 }
 
 #[test]
-fn joints_hang_where_people_have_them() {
+fn joints_are_at_anatomical_positions() {
     let avatar = person(Sex::Neutral, 1700.0, 22.0, ReferencePose::A);
     let at = |joint: Joint| avatar.keypoints[joint as usize];
     assert!((at(Joint::MidHip) - at(Joint::LeftHip).midpoint(at(Joint::RightHip))).length() < 1e-9);
@@ -262,7 +267,7 @@ fn joints_hang_where_people_have_them() {
             < 1e-9
     );
     assert!(at(Joint::LeftShoulder).x > 0.0 && at(Joint::RightShoulder).x < 0.0);
-    // Nose before the eyes before the ears; toes before the heels.
+    // Nose in front of the eyes in front of the ears; toes in front of the heels.
     assert!(
         at(Joint::Nose).z > at(Joint::LeftEye).z && at(Joint::LeftEye).z > at(Joint::LeftEar).z
     );
@@ -271,22 +276,22 @@ fn joints_hang_where_people_have_them() {
 }
 
 #[test]
-fn a_sketch_is_the_same_body_on_fewer_vertices() {
+fn a_coarse_mannequin_is_the_same_body_with_fewer_vertices() {
     for (sex, mass_kg) in [(Sex::Female, 50.0), (Sex::Male, 110.0)] {
         let parameters = MannequinParameters {
             sex,
             mass_kg: Some(mass_kg),
             ..MannequinParameters::default()
         };
-        let (full, sketch) = (
+        let (full, coarse_mannequin) = (
             mannequin(&parameters).unwrap(),
-            sketch(&parameters).unwrap(),
+            coarse_mannequin(&parameters).unwrap(),
         );
-        sketch.mesh.check().unwrap();
-        assert!(2 * sketch.mesh.positions.len() < full.mesh.positions.len());
-        let volumes = [full.mesh.volume(), sketch.mesh.volume()];
+        coarse_mannequin.mesh.check().unwrap();
+        assert!(2 * coarse_mannequin.mesh.positions.len() < full.mesh.positions.len());
+        let volumes = [full.mesh.volume(), coarse_mannequin.mesh.volume()];
         assert!((volumes[1] / volumes[0] - 1.0).abs() < 0.01, "{volumes:?}");
-        for (a, b) in full.bone_heads.iter().zip(sketch.bone_heads) {
+        for (a, b) in full.bone_heads.iter().zip(coarse_mannequin.bone_heads) {
             assert!(a.distance(b) < 3.0);
         }
     }

@@ -28,7 +28,7 @@ const FEMALE: [Row; 15] = [
     [850.0, 34.0, 12.0, 38.0],
 ];
 
-/// The same of an average man
+/// The same for an average man
 const MALE: [Row; 15] = [
     [500.0, 64.0, 52.0, 54.0],
     [515.0, 80.0, 63.0, 58.0],
@@ -50,10 +50,10 @@ const MALE: [Row; 15] = [
 /// Heights of the tables' landmarks, in per mille: crotch, seat, waist, tenth rib, chest, armpit, acromion, nape
 const LANDMARKS: [f64; 8] = [481.0, 509.0, 602.0, 643.0, 727.0, 759.0, 820.0, 861.0];
 
-/// Share of a deeper trunk that goes to the front: bellies grow forward
+/// Share of additional trunk depth that goes to the front: bellies grow forward
 const FRONT_SHARE: f64 = 0.72;
 
-/// Heights of the tables on this person
+/// Maps the heights of the tables to this person
 pub(super) fn heights(a: &Anatomy) -> Curve {
     let d = a.dimensions;
     Curve::new(
@@ -75,7 +75,7 @@ pub(super) fn heights(a: &Anatomy) -> Curve {
 
 /// Adds the trunk with its lobes and the shoulder girdle
 pub(super) fn add_trunk(field: &mut Field, a: &Anatomy) {
-    let (m, d, lean) = (a.frame.mille, a.dimensions, a.lean);
+    let (m, d, lean) = (a.frame.permille_mm, a.dimensions, a.lean);
     let height = heights(a);
     let scale = Curve::new(vec![
         (d.buttock_height, a.scales.hip),
@@ -144,11 +144,11 @@ pub(super) fn add_trunk(field: &mut Field, a: &Anatomy) {
     add_reliefs(field, a);
 }
 
-/// Swellings and hollows of the trunk that its sections do not have: where muscles and bones stand out or leave furrows
+/// Bulges and hollows of the trunk that its sections lack: muscles and bones that stand out or leave furrows
 ///
-/// No outline shows most of them, so a fit keeps them as they are here. Drawn after rendered figures of both sexes.
+/// Most of them appear in no outline, so a fit keeps them unchanged. Modeled on rendered bodies of both sexes.
 fn add_reliefs(field: &mut Field, a: &Anatomy) {
-    let (m, plumb) = (a.frame.mille, a.frame.plumb_z);
+    let (m, plumb) = (a.frame.permille_mm, a.frame.plumb_z);
     let height = heights(a);
     let girth = a.dimensions.chest_girth / a.lean.chest_girth;
     // Table: x, y, z, radii, height; all in per mille, y along the trunk's tables, z from the plumb line
@@ -175,7 +175,7 @@ fn add_reliefs(field: &mut Field, a: &Anatomy) {
         0.0,
         -by_sex(13.0, 6.0),
     );
-    // Shoulder blades, and below them the muscles beside the spine and the broad muscle of the back
+    // Shoulder blades, below them the muscles along the spine and the broad muscle of the back
     add(
         [66.0, by_sex(760.0, 764.0), -52.0],
         [46.0, 58.0, 60.0],
@@ -244,7 +244,7 @@ fn add_reliefs(field: &mut Field, a: &Anatomy) {
 }
 
 fn add_seat(field: &mut Field, a: &Anatomy) {
-    let (m, d) = (a.frame.mille, a.dimensions);
+    let (m, d) = (a.frame.permille_mm, a.dimensions);
     let growth = a.scales.hip * d.buttock_depth / a.lean.buttock_depth;
     let radii = DVec3::new(a.by_sex(46.0, 43.0), a.by_sex(50.0, 49.0), 40.0) * m * growth.sqrt();
     let back = a.by_sex(86.0, 74.0) * m * growth.sqrt();
@@ -262,9 +262,9 @@ fn add_seat(field: &mut Field, a: &Anatomy) {
 }
 
 fn add_chest(field: &mut Field, a: &Anatomy, growth: f64) {
-    let (m, d) = (a.frame.mille, a.dimensions);
+    let (m, d) = (a.frame.permille_mm, a.dimensions);
     let size = m * a.scales.chest * growth;
-    // Breasts shrink to nothing on the way from female to male, chest muscles to the reverse.
+    // Breasts shrink to zero from female to male, chest muscles the other way around.
     let bust = 1.0 - a.maleness;
     if bust > 0.0 {
         let radii = DVec3::new(38.0, 36.0, 32.0) * size * (0.62 + 0.38 * bust);
@@ -274,7 +274,7 @@ fn add_chest(field: &mut Field, a: &Anatomy, growth: f64) {
             d.chest_height - 1.0 * m,
             a.frame.plumb_z + front - radii.z,
         );
-        // A breast hangs: from above it rises slowly out of the chest.
+        // A breast rises gradually out of the chest from above.
         let upper = Shape::Cone {
             from: center + DVec3::new(-4.0, 34.0, -20.0) * size,
             to: center,
@@ -307,7 +307,7 @@ fn add_chest(field: &mut Field, a: &Anatomy, growth: f64) {
 
 /// Collarbones, shoulder blades and the muscles from the neck to the shoulders
 fn add_girdle(field: &mut Field, a: &Anatomy) {
-    let (m, frame) = (a.frame.mille, a.frame);
+    let (m, frame) = (a.frame.permille_mm, a.frame);
     let joint = frame.shoulder;
     let thick =
         a.by_sex(0.94, 1.06) * (a.dimensions.upper_arm_girth() / a.lean.upper_arm_girth()).sqrt();

@@ -7,9 +7,9 @@ use super::frame::Frame;
 use crate::Bone;
 use crate::SkinWeight;
 
-/// How much a point belongs to a part rather than to another, by its distances to both
+/// Membership of a point in a part rather than another, by its distances to both
 ///
-/// The ramp is `width` mm to either side of where both are equally far.
+/// The ramp extends `width` mm to either side of where both are equally far.
 fn membership(distance: f64, other_distance: f64, width: f64) -> f64 {
     if distance >= FAR {
         return 0.0;
@@ -17,7 +17,7 @@ fn membership(distance: f64, other_distance: f64, width: f64) -> f64 {
     ramp(other_distance - distance, -width, width)
 }
 
-/// Weight of a vertex; the right side mirrors the left
+/// Computes the weight of a vertex; the right side mirrors the left
 pub(super) fn skin_weight(
     field: &Field,
     frame: &Frame,
@@ -41,10 +41,10 @@ fn left_weights(
     heads: &[DVec3; Bone::COUNT],
     p: DVec3,
 ) -> [f64; Bone::COUNT] {
-    let m = frame.mille;
+    let m = frame.permille_mm;
     let distance = |regions: &[Region]| field.value_of(p, |r| regions.contains(&r), Sides::Left);
     let trunk = distance(&[Region::Trunk]);
-    // Which part of the body: the nearer, with a ramp about as wide as the limb is thick.
+    // Body part: the nearer one, with a ramp about as wide as the limb is thick.
     let arm = membership(distance(&[Region::Arm, Region::Hand]), trunk, 22.0 * m);
     let leg = membership(distance(&[Region::Leg, Region::Foot]), trunk, 30.0 * m);
     let head_distance = distance(&[Region::Head]);
@@ -84,7 +84,7 @@ fn left_weights(
     );
     give(Bone::LeftUpperArm, 1.0, &mut arm_rest);
 
-    // Leg: foot, shin, thigh; between the legs both sides share.
+    // Leg: foot, shin, thigh; between the legs both sides contribute.
     let mut leg_rest = leg * rest;
     rest -= leg_rest;
     let own = 0.5 + 0.5 * ramp(p.x, 0.0, 22.0 * m);

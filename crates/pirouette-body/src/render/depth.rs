@@ -1,4 +1,4 @@
-//! Depth buffer, and what it hides.
+//! Depth buffer and occlusion.
 
 use std::ops::Range;
 
@@ -11,39 +11,40 @@ use crate::Bone;
 use crate::Camera;
 use crate::PosedBones;
 
-/// A bone counts as visible when at least this share of its surface is not behind another part
+/// Minimum share of a bone's surface not occluded by another part for the bone to count as visible
 ///
-/// At one half a forearm that dips behind the trunk at the elbow still counts, and the far arm of a profile,
-/// of which a sliver shows before or behind the trunk, does not.
+/// At one half a forearm whose elbow is behind the trunk still counts as visible, and the far arm of a profile, of
+/// which a sliver shows in front of or behind the trunk, does not.
 pub const MIN_VISIBLE_SHARE: f64 = 0.5;
 
-/// How much nearer, in mm, a surface must be to hide a vertex
+/// Minimum distance, in mm, by which a nearer surface must precede a vertex to occlude it
 ///
-/// Vertices lie on the surface that is drawn: below a few millimeters the slope within a pixel makes
-/// them hide themselves, and above the thickness of a hand, parts that touch no longer hide each other.
+/// Vertices lie on the drawn surface: below a few millimeters the slope within a pixel makes them occlude themselves,
+/// and above the thickness of a hand, parts in contact no longer occlude each other.
 const HIDING_MARGIN_MM: f64 = 8.0;
 
 /// The surface nearest to the camera at each pixel center
 #[derive(Debug, Clone)]
 pub struct NearestSurface {
-    /// Depth along the optical axis, in mm; infinite where nothing is
+    /// Depth along the optical axis, in mm; infinite at empty pixels
     pub depth_mm: Grid<f32>,
-    /// Index of the triangle; [`NearestSurface::NONE`] where nothing is
+    /// Index of the triangle; [`NearestSurface::NONE`] at empty pixels
     pub triangle: Grid<u32>,
 }
 
 impl NearestSurface {
-    /// Stands for no triangle
+    /// Marks the absence of a triangle
     pub const NONE: u32 = u32::MAX;
 }
 
 impl SilhouetteMesh {
-    /// Depth along the optical axis, in mm, of the nearest surface at each pixel center; infinite where nothing is
+    /// Renders the depth along the optical axis, in mm, of the nearest surface at each pixel center; infinite at empty
+    /// pixels
     ///
-    /// Of a closed mesh whose triangles run counter-clockwise seen from outside, only those that face the camera are drawn.
+    /// For a closed mesh whose triangles run counter-clockwise seen from outside, only front faces are drawn.
     ///
     /// # Panics
-    /// When a triangle names a vertex that does not exist.
+    /// When a triangle refers to a vertex that does not exist.
     pub fn depth_map(&self, positions: &[DVec3], camera: &Camera) -> Grid<f32> {
         let vertices = see_all(positions, camera);
         let size = (camera.width_px, camera.height_px);
@@ -61,7 +62,7 @@ impl SilhouetteMesh {
     }
 }
 
-/// Six times the signed volume; positive when triangles run counter-clockwise seen from outside
+/// Computes six times the signed volume; positive when triangles run counter-clockwise seen from outside
 fn volume(positions: &[DVec3], triangles: &[[u32; 3]]) -> f64 {
     let corners = triangles.iter().map(|t| t.map(|v| positions[v as usize]));
     corners.map(|[a, b, c]| a.cross(b).dot(c)).sum()
@@ -70,7 +71,7 @@ fn volume(positions: &[DVec3], triangles: &[[u32; 3]]) -> f64 {
 /// Finds depth and triangle of the nearest surface at each pixel center
 ///
 /// # Panics
-/// When a triangle names a vertex that does not exist.
+/// When a triangle refers to a vertex that does not exist.
 pub fn nearest_surface(
     positions: &[DVec3],
     triangles: &[[u32; 3]],
@@ -86,7 +87,7 @@ pub fn nearest_surface(
     }
 }
 
-/// A vertex as the camera sees it
+/// A vertex projected into the camera
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seen {
     pub(super) photo: DVec2,
@@ -94,7 +95,7 @@ pub(super) struct Seen {
     pub(super) nearness: f64,
 }
 
-/// Every vertex as the camera sees it, `None` behind the camera or not finite
+/// Projects every vertex, `None` behind the camera or not finite
 pub(super) fn see_all(positions: &[DVec3], camera: &Camera) -> Vec<Option<Seen>> {
     let projector = camera.projector();
     let see = |&p: &DVec3| {
@@ -108,25 +109,24 @@ pub(super) fn see_all(positions: &[DVec3], camera: &Camera) -> Vec<Option<Seen>>
     positions.iter().map(see).collect()
 }
 
-/// The nearest surface at each pixel center, by its nearness
+/// The nearest surface at each pixel center, stored by inverse depth
 pub(super) struct DepthBuffer {
-    /// One over the depth, 0 where nothing is
+    /// One over the depth, 0 at empty pixels
     pub(super) nearness: Grid<f32>,
-    /// Index of the triangle; [`NearestSurface::NONE`] where nothing is
+    /// Index of the triangle; [`NearestSurface::NONE`] at empty pixels
     pub(super) triangle: Grid<u32>,
 }
 
-/// Which triangles are drawn
+/// Selection of the triangles to draw
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Faces {
     /// All
     Both,
-    /// Those that turn their outside to the camera; enough for closed surfaces whose triangles run counter-clockwise
-    /// seen from outside
+    /// Front faces only; sufficient for closed surfaces whose triangles run counter-clockwise seen from outside
     Outside,
 }
 
-/// The triangles to draw, by index, with their corners
+/// Iterates over the triangles to draw, by index, with their corners
 pub(super) fn drawn_triangles(
     vertices: &[Option<Seen>],
     triangles: &[[u32; 3]],
@@ -143,7 +143,7 @@ pub(super) fn drawn_triangles(
 }
 
 impl DepthBuffer {
-    /// Draws some rows of a picture: the first of the buffer is the first of them
+    /// Draws some rows of a picture: the first row of the buffer is the first of them
     pub(super) fn draw(
         width: usize,
         rows: Range<usize>,
@@ -175,10 +175,10 @@ impl DepthBuffer {
     }
 }
 
-/// Barycentric slack that keeps rounding from leaving a crack between neighbors
+/// Barycentric slack that prevents cracks between neighbors by rounding
 const EDGE_SLACK: f64 = 1e-9;
 
-/// Triangles of less area than this on screen, in square px, are seen edge on
+/// Triangles of less area than this on screen, in square px, count as edge-on
 const MIN_AREA_PX: f64 = 1e-12;
 
 /// Calls `visit` with column, row and barycentric weights of every pixel center in a triangle, of some rows
@@ -193,7 +193,7 @@ fn each_pixel(
         return;
     }
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-    // pixel centers within [low, high]; float to integer casts cut off and saturate
+    // pixel centers within [low, high]; float to integer casts truncate and saturate
     let first = |v: f64| {
         let below = (v - 0.5) as usize;
         below + usize::from((below as f64) < v - 0.5)
@@ -207,7 +207,7 @@ fn each_pixel(
     if x0 >= x1 {
         return;
     }
-    // barycentric weights of b and c, and what they grow by per column
+    // barycentric weights of b and c, and their increments per column
     let (for_b, for_c) = ((c - a) / area, (b - a) / area);
     let (step_b, step_c) = (for_b.y, -for_c.y);
     for y in y0..y1 {
@@ -229,10 +229,10 @@ fn each_pixel(
     }
 }
 
-/// Which vertices nothing lies before; vertices outside the photo are not visible
+/// Returns which vertices are not occluded; vertices outside the photo are not visible
 ///
 /// # Panics
-/// When a triangle names a vertex that does not exist.
+/// When a triangle refers to a vertex that does not exist.
 pub fn visible_vertices(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Camera) -> Vec<bool> {
     let surface = nearest_surface(positions, triangles, camera);
     see_all(positions, camera)
@@ -244,7 +244,7 @@ pub fn visible_vertices(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Ca
             let Some((x, y)) = pixel_of(seen.photo, camera) else {
                 return false;
             };
-            // The farthest neighbor decides: a vertex on the rim is never at a pixel center.
+            // The farthest neighbor decides: a vertex on the occluding contour is never at a pixel center.
             let farthest = (-1..=1)
                 .flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)))
                 .filter_map(|(dx, dy)| surface.depth_mm.get(x as isize + dx, y as isize + dy))
@@ -262,10 +262,10 @@ fn pixel_of(photo: DVec2, camera: &Camera) -> Option<(usize, usize)> {
     inside.then_some((photo.x as usize, photo.y as usize))
 }
 
-/// Share of each bone's surface, 0 to 1, that no other part hides; 0 for bones outside the photo
+/// Computes the share of each bone's surface, 0 to 1, that no other part occludes; 0 for bones outside the photo
 ///
-/// The far side of a limb does not count as hidden by the limb itself, nor by the bones it joins, nor by bones
-/// between which only the spine lies: what matters is whether a photo shows where the limb is.
+/// The far side of a limb does not count as occluded by the limb itself, by the bones adjacent to it, or by bones
+/// separated from it only by the spine: relevant is whether a photo shows the position of the limb.
 pub fn visible_shares(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> [f64; Bone::COUNT] {
     let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
     let surface = nearest_surface(&positions, &avatar.mesh.triangles, camera);
@@ -298,13 +298,13 @@ pub fn visible_shares(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> [
     })
 }
 
-/// Whether one of the bones is the other or joins it, or both belong to the trunk
+/// Returns whether two bones are equal or adjacent, or both belong to the trunk
 fn joined(a: Bone, b: Bone) -> bool {
     let trunk = |bone: Bone| matches!(bone, Bone::Root | Bone::LowerSpine | Bone::UpperSpine);
     a == b || a.parent() == Some(b) || b.parent() == Some(a) || (trunk(a) && trunk(b))
 }
 
-/// Which bones show: at least [`MIN_VISIBLE_SHARE`] of their surface is not behind another part
+/// Returns which bones are visible: at least [`MIN_VISIBLE_SHARE`] of their surface is not occluded by another part
 pub fn visible_bones(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> [bool; Bone::COUNT] {
     visible_shares(avatar, posed, camera).map(|share| share >= MIN_VISIBLE_SHARE)
 }
@@ -354,7 +354,7 @@ mod tests {
         let near = SilhouetteMesh::new(&triangles).depth_map(&positions, &camera());
         let both = nearest_surface(&positions, &triangles, &camera());
         assert_eq!(near, both.depth_mm);
-        // seen from inside out, nothing may be left out
+        // inside out: every triangle must be drawn
         for triangle in &mut triangles {
             triangle.reverse();
         }
@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn bands_of_rows_are_parts_of_the_whole() {
+    fn bands_of_rows_equal_the_same_rows_of_the_full_picture() {
         let (positions, triangles) = sphere(DVec3::new(30.0, 900.0, 0.0), 300.0, 12);
         let vertices = see_all(&positions, &camera());
         let draw = |rows| {
@@ -406,7 +406,7 @@ mod tests {
         }
     }
 
-    /// Two balls of one mesh: the forearm's before, the thigh's behind
+    /// Two balls of one mesh: the forearm's in front, the thigh's behind
     fn two_balls(front: DVec3, back: DVec3) -> Avatar {
         let (mut positions, mut triangles) = sphere(front, 100.0, 12);
         let count = positions.len();
@@ -435,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_before_another_hides_it_until_the_person_turns() {
+    fn a_ball_in_front_of_another_occludes_it_until_the_person_turns() {
         let avatar = two_balls(
             DVec3::new(0.0, 900.0, 300.0),
             DVec3::new(0.0, 900.0, -200.0),

@@ -1,10 +1,10 @@
 //! Silhouettes, limb visibility and shaded pictures of posed bodies.
 //!
-//! All functions take positions in the room (millimeters) and the camera that stands in it. Silhouettes are
-//! exact: the area of each pixel that the union of the projected triangles covers, however the
-//! triangles overlap. Depth and pictures are sampled.
+//! All functions take positions in the room (millimeters) and the camera in the room. Silhouettes are exact: the area
+//! of each pixel covered by the union of the projected triangles, regardless of how the triangles overlap. Depth and
+//! pictures are sampled.
 //!
-//! Triangles that reach behind the camera, or have a corner that is not finite, are left out.
+//! Triangles that extend behind the camera or have a non-finite corner are skipped.
 
 mod depth;
 mod shade;
@@ -25,15 +25,15 @@ pub use shade::{linear_from_srgb, srgb_from_linear};
 
 /// Points nearer to the camera than this, in mm along the optical axis, are not drawn
 ///
-/// Only guards the division: no part of a person in a photo comes this near.
+/// Only prevents a division by zero: no part of a person in a photo comes this near.
 pub const MIN_DEPTH_MM: f64 = 10.0;
 
-/// Area of each pixel, 0 to 1, that the projected triangles cover together
+/// Computes the area of each pixel, 0 to 1, covered by the union of the projected triangles
 ///
-/// For many silhouettes of one mesh prepare a [`SilhouetteMesh`].
+/// To render many silhouettes of one mesh, prepare a [`SilhouetteMesh`].
 ///
 /// # Panics
-/// When a triangle names a vertex that does not exist.
+/// When a triangle refers to a vertex that does not exist.
 pub fn silhouette(positions: &[DVec3], triangles: &[[u32; 3]], camera: &Camera) -> Grid<f32> {
     SilhouetteMesh::new(triangles).silhouette(positions, camera)
 }
@@ -47,20 +47,20 @@ pub struct SilhouetteMesh {
     /// The triangles along `edges[e]` are `sides[first_side[e]..first_side[e + 1]]`
     first_side: Vec<u32>,
     sides: Vec<Side>,
-    /// Whether every edge is run through equally often in both directions
+    /// Whether every edge is traversed equally often in both directions
     closed: bool,
 }
 
-/// A triangle at an edge
+/// A triangle adjacent to an edge
 #[derive(Debug, Clone, Copy)]
 struct Side {
     triangle: u32,
-    /// +1 when the triangle runs from the edge's lower to its higher vertex, -1 when it runs back
+    /// +1 when the triangle traverses the edge from the lower to the higher vertex, -1 for the reverse
     direction: i8,
 }
 
 impl SilhouetteMesh {
-    /// Finds the edges of a mesh; any triangles will do: closed or open, manifold or not
+    /// Finds the edges of a mesh; accepts any triangles: closed or open, manifold or not
     pub fn new(triangles: &[[u32; 3]]) -> Self {
         let sides = sides_by_edge(triangles);
         let mut mesh = Self {
@@ -84,36 +84,36 @@ impl SilhouetteMesh {
         mesh
     }
 
-    /// Every edge once, lower vertex first
+    /// Returns every edge once, lower vertex first
     pub fn edges(&self) -> &[[u32; 2]] {
         &self.edges
     }
 
-    /// The triangles it was made of
+    /// Returns the triangles of the mesh
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// Area of each pixel, 0 to 1, that the projected triangles cover together
+    /// Computes the area of each pixel, 0 to 1, covered by the union of the projected triangles
     ///
     /// # Panics
-    /// When a triangle names a vertex that does not exist.
+    /// When a triangle refers to a vertex that does not exist.
     pub fn silhouette(&self, positions: &[DVec3], camera: &Camera) -> Grid<f32> {
         let outline = self.outline(positions, camera);
         fill_edges(camera.width_px, camera.height_px, &outline)
     }
 
-    /// Directed edges in photo coordinates whose nonzero winding is the silhouette
+    /// Returns directed edges in photo coordinates whose nonzero winding is the silhouette
     ///
-    /// Each triangle taken runs clockwise on screen, so no two can cancel where they overlap; edges between two
-    /// of them cancel exactly and are left out. What is left winds at least once around every covered point.
+    /// Each selected triangle runs clockwise on screen, so no two can cancel where they overlap; edges between two of
+    /// them cancel exactly and are dropped. The remaining edges wind at least once around every covered point.
     ///
     /// # Panics
-    /// When a triangle names a vertex that does not exist.
+    /// When a triangle refers to a vertex that does not exist.
     pub fn outline(&self, positions: &[DVec3], camera: &Camera) -> Vec<[DVec2; 2]> {
         let projected = project_all(positions, camera);
         let mut complete = true;
-        // +1 runs clockwise on screen as it is, -1 when reversed, 0 covers nothing or is left out
+        // +1 runs clockwise on screen unchanged, -1 when reversed, 0 covers no area or is skipped
         let mut facing: Vec<i8> = Vec::with_capacity(self.triangles.len());
         for triangle in &self.triangles {
             let corners = triangle.map(|v| projected[v as usize]);
@@ -131,7 +131,7 @@ impl SilhouetteMesh {
                 0
             });
         }
-        // The front of a closed mesh covers what its back covers: one of them is enough.
+        // The front of a closed mesh covers the same area as its back: one of them suffices.
         if self.closed && complete {
             for side in &mut facing {
                 *side = (*side).max(0);
@@ -157,7 +157,7 @@ impl SilhouetteMesh {
     }
 }
 
-/// Photo coordinates of each position, `None` behind the camera or not finite
+/// Returns the photo coordinates of each position, `None` behind the camera or not finite
 fn project_all(positions: &[DVec3], camera: &Camera) -> Vec<Option<DVec2>> {
     let projector = camera.projector();
     positions
@@ -261,7 +261,7 @@ mod tests {
         let camera = camera();
         let (positions, triangles) = sphere(DVec3::new(-50.0, 700.0, 100.0), 250.0, 6);
         let whole = silhouette(&positions, &triangles, &camera);
-        // slow twin: inside any triangle at a 8 x 8 lattice of each pixel
+        // slow reference: inside any triangle at an 8 x 8 lattice of each pixel
         let flat: Vec<[DVec2; 3]> = triangles
             .iter()
             .map(|t| t.map(|v| camera.project(positions[v as usize])))
@@ -303,14 +303,14 @@ mod tests {
         let (direct, _) = sphere(DVec3::new(0.0, 900.0, -200.0), 150.0, 20);
         let a = silhouette(&turned, &triangles, &camera());
         let b = silhouette(&direct, &triangles, &camera());
-        // the lattice of the sphere turns by whole columns
+        // the lattice of the sphere turns by complete columns
         for (a, b) in a.as_slice().iter().zip(b.as_slice()) {
             assert!((a - b).abs() < 1e-4);
         }
     }
 
     #[test]
-    fn what_cannot_be_seen_is_left_out() {
+    fn triangles_behind_the_camera_and_non_finite_ones_are_skipped() {
         let camera = camera();
         let (behind, triangles) = sphere(DVec3::new(0.0, 900.0, 2600.0), 150.0, 8);
         let grid = silhouette(&behind, &triangles, &camera);

@@ -13,16 +13,16 @@ use crate::Camera;
 /// Samples per pixel along each axis for the colors inside; the outline itself is exact
 const SAMPLES: usize = 2;
 
-/// Rows of pixels that are drawn at once: their samples fit into the cache
+/// Number of pixel rows drawn at once: their samples fit into the cache
 const BAND_ROWS: usize = 32;
 
-/// Linear color of a surface that comes without colors: warm light clay
+/// Linear color of a surface without colors: warm light clay
 const CLAY: [f32; 3] = [0.50, 0.395, 0.33];
 
 /// Background at the top and at the bottom, as stored in files
 const BACKGROUND: [[f32; 3]; 2] = [[244.0, 246.0, 249.0], [221.0, 225.0, 231.0]];
 
-/// A picture of a surface alone, to be laid over another
+/// A picture of a surface alone, to be composited over another
 #[derive(Debug, Clone)]
 pub struct Layer {
     /// Linear light, 0 to 1; meaningful where `coverage` is above 0
@@ -31,13 +31,13 @@ pub struct Layer {
     pub coverage: Grid<f32>,
 }
 
-/// Draws a surface with smooth shading before a light background
+/// Draws a surface with smooth shading in front of a light background
 ///
-/// `colors` are linear RGB, one per vertex; clay without. Normals are the area-weighted means of the triangles'. The outline
-/// is as fine as four samples per pixel tell.
+/// `colors` are linear RGB, one per vertex; clay if absent. Normals are the area-weighted means of the triangle
+/// normals. The outline is resolved by four samples per pixel.
 ///
 /// # Panics
-/// When a triangle names a vertex that does not exist, or there are colors for some vertices only.
+/// When a triangle refers to a vertex that does not exist, or the number of colors differs from the number of vertices.
 pub fn shade(
     mesh: &SilhouetteMesh,
     positions: &[DVec3],
@@ -57,7 +57,7 @@ pub fn shade(
     let Some(scene) = Scene::new(positions, mesh, camera) else {
         return photo;
     };
-    // Colors hardly change between neighboring vertices: light falls on these only.
+    // Colors hardly change between neighboring vertices: lighting is computed only at these.
     let lights = Lights::new();
     let lit = |(v, normal)| lights.on(normal, colors.map_or(CLAY, |colors| colors[v]));
     let normals = vertex_normals(positions, mesh.triangles());
@@ -112,13 +112,13 @@ fn check_colors(colors: Option<&[[f32; 3]]>, positions: &[DVec3]) {
     }
 }
 
-/// Draws a surface into a layer; `paint` gives the linear color of a point from the color interpolated between the
+/// Draws a surface into a layer; `paint` returns the linear color of a point given the color interpolated between the
 /// vertices
 ///
-/// The coverage is exact; colors are taken at four samples per pixel.
+/// The coverage is exact; colors are sampled at four points per pixel.
 ///
 /// # Panics
-/// When a triangle names a vertex that does not exist, or there are colors for some vertices only.
+/// When a triangle refers to a vertex that does not exist, or the number of colors differs from the number of vertices.
 pub fn shade_layer(
     mesh: &SilhouetteMesh,
     positions: &[DVec3],
@@ -169,7 +169,7 @@ pub fn shade_layer(
             if layer.coverage[at] <= 0.0 {
                 continue;
             }
-            // A pixel that the outline only grazes has no sample: it takes its neighbors' color.
+            // A pixel that the outline only touches has no sample: it takes the color of its neighbors.
             let around = || {
                 let near_rows = &rows[y.saturating_sub(1)..(y + 2).min(rows.len())];
                 let columns = x.saturating_sub(1)..(x + 2).min(row.len());
@@ -182,7 +182,7 @@ pub fn shade_layer(
     layer
 }
 
-/// Mean color and number of colors, `None` of none
+/// Returns the mean color and the number of colors, `None` if there are none
 fn mean(colors: impl Iterator<Item = [f32; 3]>) -> Option<([f32; 3], f32)> {
     let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
     for color in colors {
@@ -202,7 +202,7 @@ struct Window {
 }
 
 impl Window {
-    /// The pixels that any vertex could touch, with one to spare; `None` when all lie outside
+    /// Returns the pixels that any vertex could touch, with a margin of one; `None` when all lie outside
     fn around(vertices: &[Option<Seen>], camera: &Camera) -> Option<Self> {
         let seen = || vertices.iter().flatten().map(|seen| seen.photo);
         let (low, high) = (seen().reduce(DVec2::min)?, seen().reduce(DVec2::max)?);
@@ -223,18 +223,18 @@ impl Window {
     }
 }
 
-/// A surface before it is drawn, one band of [`BAND_ROWS`] rows after the other
+/// A surface prepared for drawing in bands of [`BAND_ROWS`] rows
 struct Scene<'a> {
     window: Window,
     triangles: &'a [[u32; 3]],
-    /// Places in samples, from the window's corner
+    /// Positions in samples, from the window's corner
     vertices: Vec<Option<Seen>>,
-    /// The triangles that reach into each band
+    /// The triangles that overlap each band
     bands: Vec<Vec<u32>>,
 }
 
 impl<'a> Scene<'a> {
-    /// `None` where nothing of the surface is in the picture
+    /// Prepares a surface; `None` where no part of it is in the picture
     fn new(positions: &[DVec3], mesh: &'a SilhouetteMesh, camera: &Camera) -> Option<Self> {
         let mut vertices = see_all(positions, camera);
         let window = Window::around(&vertices, camera)?;
@@ -290,17 +290,18 @@ struct Samples<'a> {
     scene: &'a Scene<'a>,
     /// The pixels of the band; columns and rows are counted from its corner
     window: Window,
-    /// Samples above the band
+    /// Number of samples above the band
     first_row: usize,
     buffer: DepthBuffer,
 }
 
 impl Samples<'_> {
-    /// Whether all samples of a pixel see parts of the surface that lie next to each other
+    /// Returns whether all samples of a pixel lie on adjacent parts of the surface
     ///
-    /// One of them tells its color.
+    /// If so, one sample determines its color.
     fn one_surface(&self, x: usize, y: usize) -> bool {
-        /// Parts differ by less than this share of their distance; a hand before the trunk is farther off
+        /// Adjacent parts differ by less than this share of their distance; a hand in front of the trunk is farther
+        /// away
         const NEXT: f32 = 0.002;
         let (mut near, mut far) = (0.0_f32, f32::INFINITY);
         for k in 0..SAMPLES * SAMPLES {
@@ -312,7 +313,7 @@ impl Samples<'_> {
         far > 0.0 && near - far < NEXT * near
     }
 
-    /// What the samples of a pixel see, without those that see nothing: a triangle, and where on it
+    /// Iterates over the non-empty samples of a pixel: a triangle and the position on it
     fn of_pixel(&self, x: usize, y: usize) -> impl Iterator<Item = ([u32; 3], [f64; 3])> {
         let samples = (0..SAMPLES * SAMPLES).map(move |k| (k % SAMPLES, k / SAMPLES));
         samples.filter_map(move |(dx, dy)| {
@@ -322,14 +323,14 @@ impl Samples<'_> {
         })
     }
 
-    /// The same in the middle of a pixel, on the surface of its first sample
+    /// Returns the same at the center of a pixel, on the surface of its first sample
     fn at_center(&self, x: usize, y: usize) -> Option<([u32; 3], [f64; 3])> {
         let triangle = self.buffer.triangle[(x * SAMPLES, y * SAMPLES)];
         let center = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) * SAMPLES as f64;
         self.on_triangle(triangle, center + DVec2::Y * self.first_row as f64)
     }
 
-    /// The corners of a triangle, and their perspective-correct weights at a point of the picture
+    /// Returns the corners of a triangle and their perspective-correct weights at a point of the picture
     fn on_triangle(&self, triangle: u32, point: DVec2) -> Option<([u32; 3], [f64; 3])> {
         if triangle == NearestSurface::NONE {
             return None;
@@ -352,7 +353,7 @@ impl Samples<'_> {
     }
 }
 
-/// Area-weighted unit normals; zero where a vertex has no area around it
+/// Computes area-weighted unit normals; zero where a vertex has no area around it
 fn vertex_normals(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<DVec3> {
     let mut normals = vec![DVec3::ZERO; positions.len()];
     for triangle in triangles {
@@ -370,10 +371,10 @@ fn vertex_normals(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<DVec3> {
 
 /// A soft studio: a warm light from the upper left, a weak one at the camera, and a cool sky
 ///
-/// All lights are far away, so brightness depends on the normal alone.
+/// All lights are at infinity, so brightness depends on the normal alone.
 struct Lights {
     key: DVec3,
-    /// Halfway between the key light and the camera: where gloss is seen
+    /// Halfway between the key light and the camera: direction of the highlight
     half: DVec3,
 }
 
@@ -382,7 +383,7 @@ impl Lights {
     const KEY: [f32; 3] = [1.00, 0.955, 0.90];
     const SKY: [f32; 3] = [0.27, 0.29, 0.32];
     const GROUND: [f32; 3] = [0.10, 0.09, 0.085];
-    /// How far behind the terminator the key light still reaches, as a cosine: it is a wide window, not a point
+    /// How far behind the terminator the key light reaches, as a cosine: it is a wide window, not a point
     const WRAP: f64 = 0.15;
     /// Gloss of skin and clay: faint and broad
     const GLOSS: f32 = 0.05;
@@ -410,7 +411,7 @@ impl Lights {
     }
 }
 
-/// The nearest sRGB level of a linear value, but for one where it lies on the border between two
+/// Returns the nearest sRGB level of a linear value, off by at most one level at the border between two
 fn level_from_linear(linear: f32) -> u8 {
     const STEPS: usize = 8192;
     static LEVELS: LazyLock<Vec<u8>> = LazyLock::new(|| {
@@ -420,7 +421,7 @@ fn level_from_linear(linear: f32) -> u8 {
     LEVELS[((linear.clamp(0.0, 1.0) * STEPS as f32 + 0.5) as usize).min(STEPS)]
 }
 
-/// sRGB value (0 to 1) of a linear one
+/// Converts linear light to an sRGB value (0 to 1)
 pub fn srgb_from_linear(linear: f32) -> f32 {
     let v = linear.clamp(0.0, 1.0);
     if v <= 0.003_130_8 {
@@ -430,7 +431,7 @@ pub fn srgb_from_linear(linear: f32) -> f32 {
     }
 }
 
-/// Linear value of an sRGB one (0 to 1)
+/// Converts an sRGB value to linear light (0 to 1)
 pub fn linear_from_srgb(srgb: f32) -> f32 {
     let v = srgb.clamp(0.0, 1.0);
     if v <= 0.040_45 {
@@ -446,7 +447,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ball_is_lit_from_the_front_and_keeps_the_background_light() {
+    fn a_ball_is_lit_from_the_front_on_a_light_background() {
         let (positions, triangles) = sphere(DVec3::new(0.0, 900.0, 0.0), 300.0, 24);
         let photo = shade(
             &SilhouetteMesh::new(&triangles),
@@ -462,7 +463,7 @@ mod tests {
     }
 
     #[test]
-    fn colors_of_the_vertices_show() {
+    fn vertex_colors_are_rendered() {
         let (positions, triangles) = sphere(DVec3::new(0.0, 900.0, 0.0), 300.0, 24);
         let red = vec![[0.8, 0.05, 0.05]; positions.len()];
         let photo = shade(
@@ -492,7 +493,7 @@ mod tests {
     }
 
     #[test]
-    fn srgb_goes_in_and_out() {
+    fn srgb_survives_a_round_trip() {
         for i in 0..=20 {
             let v = i as f32 / 20.0;
             assert!((linear_from_srgb(srgb_from_linear(v)) - v).abs() < 1e-5);

@@ -1,4 +1,4 @@
-//! Tapes and landmarks of a figure by the shape that it has, and the measures of a figure whose surface is known.
+//! Tapes and landmarks of an avatar found from its shape, and the measures of an avatar whose surface is known.
 
 use glam::DVec3;
 
@@ -8,17 +8,17 @@ use super::tape::Tape;
 use super::{Girth, Landmark, Measure};
 use pirouette_body::Avatar;
 
-/// A figure with its tapes and landmarks
+/// An avatar with its tapes and landmarks
 pub(super) struct Figure<'a> {
     avatar: &'a Avatar,
-    /// The same in A-pose, where it is not
+    /// The same avatar in A-pose, if it is in another pose
     lowered: Option<Avatar>,
     tapes: Vec<(Girth, Tape)>,
     /// Points of the surface with arms lowered
     landmarks: Vec<(Landmark, DVec3)>,
 }
 
-/// Tapes that lie otherwise when arms are stretched out level
+/// Tapes whose position differs when arms are stretched out level
 pub(super) fn moves_with_arms(girth: Girth) -> bool {
     matches!(girth, Girth::Neck | Girth::Bust | Girth::Underbust)
 }
@@ -45,8 +45,8 @@ impl<'a> Figure<'a> {
         }
     }
 
-    /// The figure in A-pose, on which lengths are taken
-    pub(super) fn hanging(&self) -> &Avatar {
+    /// Returns the avatar in A-pose, on which lengths are measured
+    pub(super) fn in_a_pose(&self) -> &Avatar {
         self.lowered.as_ref().unwrap_or(self.avatar)
     }
 
@@ -55,7 +55,7 @@ impl<'a> Figure<'a> {
         entry.map(|(_, tape)| tape)
     }
 
-    /// All tapes as closed curves in space, world frame, mm
+    /// Returns all tapes as closed curves in space, world frame, mm
     pub(super) fn tape_curves(&self) -> Vec<(Girth, Vec<DVec3>)> {
         let curve = |(girth, tape): &(Girth, Tape)| (*girth, tape.points());
         self.tapes.iter().map(curve).collect()
@@ -67,9 +67,9 @@ impl<'a> Figure<'a> {
     }
 }
 
-/// Measures a figure along its own tapes and landmarks, in mm: what is true about a rendered person
+/// Measures an avatar along its own tapes and landmarks, in mm: the ground truth of a rendered person
 ///
-/// Measures for which the figure has no place are left out.
+/// Measures for which the avatar has no tape or landmark are omitted.
 pub fn measure_figure(figure: &Avatar) -> Vec<(Measure, f64)> {
     let found = Figure::new(figure);
     let value = |measure: Measure| match measure {
@@ -100,7 +100,7 @@ mod tests {
     use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
     #[test]
-    fn the_mannequin_has_every_measure_and_all_grow_with_its_stature() {
+    fn the_mannequin_has_every_measure_and_all_scale_with_its_stature() {
         let figure = |stature_mm: f64| {
             mannequin(&MannequinParameters {
                 stature_mm: Some(stature_mm),

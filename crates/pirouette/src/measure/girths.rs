@@ -1,4 +1,4 @@
-//! Girths: what outlines and the body say, and what follows from both.
+//! Girths: estimates from outlines and from the body, and their combination.
 
 use std::f64::consts::PI;
 
@@ -12,13 +12,14 @@ use super::tape::Tape;
 use super::{Estimate, Girth, Measure, MeasureInput, Measured, Method, Unavailable};
 use pirouette_body::ReferencePose;
 
-/// Beyond this part of the girth, support lines say nothing
+/// Largest standard deviation of a usable girth by support lines, as a share of the girth
 ///
-/// With half of the outlines hidden, a trunk's girth still has 2 %; limbs whose breadth alone is seen have 6 %.
+/// With half of the outlines hidden, a trunk's girth still has 2 %; limbs of which only the breadth is visible have
+/// 6 %.
 const MAX_RELATIVE_SD: f64 = 0.12;
 
-/// What is known of one tape
-struct Taped {
+/// The estimates for one tape
+struct TapeEstimates {
     lines: Option<Estimate>,
     body: Option<Estimate>,
     body_method: Method,
@@ -26,7 +27,7 @@ struct Taped {
     view_count: usize,
 }
 
-impl Taped {
+impl TapeEstimates {
     fn both(&self) -> Option<Estimate> {
         match (self.lines, self.body) {
             (Some(lines), Some(body)) => Some(lines.combined(body)),
@@ -43,14 +44,14 @@ impl Taped {
     }
 }
 
-/// Finds a girth, the mean of both sides where there are two
-pub(super) fn find(
+/// Measures a girth, the mean of both sides where there are two
+pub(super) fn measure_girth(
     input: &MeasureInput,
     figure: &Figure,
     views: &[SeenView],
     measure: Measure,
 ) -> Measured {
-    let tapes: Vec<Result<Taped, Unavailable>> = measure
+    let tapes: Vec<Result<TapeEstimates, Unavailable>> = measure
         .girths()
         .iter()
         .map(|&girth| {
@@ -59,12 +60,12 @@ pub(super) fn find(
             taped.both().map(|_| taped).ok_or(Unavailable::Hidden)
         })
         .collect();
-    let found: Vec<&Taped> = tapes.iter().flatten().collect();
-    let of = |which: fn(&Taped) -> Option<Estimate>| {
+    let found: Vec<&TapeEstimates> = tapes.iter().flatten().collect();
+    let of = |which: fn(&TapeEstimates) -> Option<Estimate>| {
         let all: Option<Vec<Estimate>> = found.iter().map(|t| which(t)).collect();
         Estimate::mean(&all?)
     };
-    let (Some(first), Some(value)) = (found.first(), of(Taped::both)) else {
+    let (Some(first), Some(value)) = (found.first(), of(TapeEstimates::both)) else {
         let why = tapes.iter().find_map(|t| t.as_ref().err().copied());
         let why = why.unwrap_or(Unavailable::NoLandmark);
         return Measured::of(Err(why), Method::SupportLines);
@@ -74,7 +75,7 @@ pub(super) fn find(
         Some(tape.as_ref().ok()?.both()?.value_mm)
     };
     let (lines, body) = (of(|t| t.lines), of(|t| t.body));
-    // The weaker method speaks for both.
+    // The weaker method is reported for both.
     let method = found.iter().map(|t| t.method());
     let combined = |m: &Method| *m == Method::Combined;
     Measured {
@@ -95,15 +96,17 @@ pub(super) fn find(
     }
 }
 
-/// How much of the deviation that a fit of lines tells counts: its shape is that of the fitted body, its priors are for bodies
-/// that may have any shape
+/// Share of the standard deviation reported by a fit of lines that counts: its shape is that of the fitted body, its
+/// priors are for bodies of any shape
 const LINES_SD_SHARE: f64 = 0.2;
 
-/// Standard deviation of girths by support lines and along the fitted body, as shares: two from photos, two by given masks
+/// Standard deviation of girths by support lines and along the fitted body, as shares: two from photos, two by given
+/// masks
 ///
-/// What is left beside the place of the tape: shape between the views, borders of masks. So large that with it 68 % of the errors
-/// of 100 random people lie within. But wrists of the fitted body have the shape of the figure it started from, which random
-/// people made from the same figure share, and others do not: the body's wrist hardly counts.
+/// The errors that remain in addition to the position of the tape: shape between the views, borders of masks. Chosen so
+/// that 68 % of the errors of 100 random people lie within it. Wrists of the fitted body, however, have the shape of
+/// the avatar that the fit started from. Random people made from the same avatar share it, others do not, so the body's
+/// wrist has almost no weight.
 fn own_sd(girth: Girth) -> [f64; 4] {
     match girth {
         Girth::Head => [0.0066, 0.0042, 0.0055, 0.0046],
@@ -121,10 +124,11 @@ fn own_sd(girth: Girth) -> [f64; 4] {
     }
 }
 
-/// How far a tape lies from where its definition puts it, as a standard deviation in mm; times its taper that is an error of the girth
+/// Standard deviation of a tape's position from its definition, in mm; multiplied by the girth slope it is an error of
+/// the girth
 ///
-/// So far are heights of random people off, and joints of arms along the arm. Waist and knee follow from bones and crotch. The
-/// neck is taken where it is thinnest, wherever that is.
+/// Based on the errors of heights of random people, and of joints of arms along the arm. Waist and knee follow from
+/// bones and crotch. The neck is measured where it is thinnest, wherever that is.
 fn level_sd_mm(girth: Girth) -> f64 {
     match girth {
         Girth::Neck => 0.0,
@@ -133,15 +137,17 @@ fn level_sd_mm(girth: Girth) -> f64 {
     }
 }
 
-/// Arms that are stretched out level spread the chest and shorten the neck, as a standard deviation, a share of the girth
+/// Standard deviation caused by arms stretched out level, which spread the chest and shorten the neck, as a share of
+/// the girth
 ///
-/// With its arms lowered afterwards, the built-in figure in T-pose has a chest that is 2 % longer around, from 0 to 3.6 %.
+/// With its arms lowered afterwards, the built-in mannequin in T-pose has a chest girth that is 2 % larger, from 0 to
+/// 3.6 %.
 const LIFTED_SD: f64 = 0.02;
 
 /// Standard deviation of girths along carved hulls, as a share
 const HULL_SD: f64 = 0.05;
 
-fn tape_at(input: &MeasureInput, tape: &Tape, girth: Girth, views: &[SeenView]) -> Taped {
+fn tape_at(input: &MeasureInput, tape: &Tape, girth: Girth, views: &[SeenView]) -> TapeEstimates {
     let fitted = match girth {
         Girth::Neck => thinnest_by_lines(tape, views),
         _ => girth_by_lines(tape, views),
@@ -153,14 +159,14 @@ fn tape_at(input: &MeasureInput, tape: &Tape, girth: Girth, views: &[SeenView]) 
             input.between(body, given_body),
         ]
     };
-    // What both estimates have in common: the place of the tape, and lifted flesh
+    // Errors common to both estimates: the position of the tape, and lifted tissue
     let lifted = input.avatar.pose == ReferencePose::T && moves_with_arms(girth);
     let lifted_mm = if lifted {
         LIFTED_SD * tape.girth()
     } else {
         0.0
     };
-    let place_mm = lifted_mm.hypot(tape.taper() * level_sd_mm(girth));
+    let place_mm = lifted_mm.hypot(tape.girth_slope() * level_sd_mm(girth));
     let lines = fitted.map(|f| Estimate {
         value_mm: f.girth_mm,
         sd_mm: match input.fitted {
@@ -176,7 +182,7 @@ fn tape_at(input: &MeasureInput, tape: &Tape, girth: Girth, views: &[SeenView]) 
     } else {
         (hull_girth(input.body, tape, views), Method::HullSection)
     };
-    Taped {
+    TapeEstimates {
         lines,
         body,
         body_method,
@@ -190,10 +196,11 @@ fn girth_by_lines(tape: &Tape, views: &[SeenView]) -> Option<FittedGirth> {
     fitted.filter(|f| f.sd_mm < MAX_RELATIVE_SD * f.girth_mm)
 }
 
-/// The smallest girth by lines around a tape: masks that fill the hollow of the neck move its thinnest place on the body
+/// Returns the smallest girth by lines around a tape: masks that fill the hollow of the neck move its thinnest point on
+/// the body
 fn thinnest_by_lines(tape: &Tape, views: &[SeenView]) -> Option<FittedGirth> {
     const STEP_MM: f64 = 5.0;
-    /// Lower, and the shoulders begin; higher, and the chin
+    /// Below this range the shoulders begin, above it the chin
     const STEPS: std::ops::RangeInclusive<i32> = -2..=4;
     /// Where outlines are hidden, girths scatter, and the smallest would be the worst of them
     const WORST_SD_RATIO: f64 = 1.5;
@@ -210,7 +217,7 @@ fn thinnest_by_lines(tape: &Tape, views: &[SeenView]) -> Option<FittedGirth> {
         .min_by(|a, b| a.girth_mm.total_cmp(&b.girth_mm))
 }
 
-/// The section of the carved hull, less what carving adds
+/// Returns the section of the carved hull, less the excess of carving
 fn hull_girth(body: &TriMesh, tape: &Tape, views: &[SeenView]) -> Option<Estimate> {
     let loops = plane_section(body, tape.center(), tape.normal());
     let nearest = loops.iter().min_by(|a, b| {
@@ -219,7 +226,7 @@ fn hull_girth(body: &TriMesh, tape: &Tape, views: &[SeenView]) -> Option<Estimat
         };
         distance(a).total_cmp(&distance(b))
     })?;
-    // Another limb, or limbs that the hull melts together, would be far from what is expected.
+    // Another limb, or limbs merged by the hull, would differ far from the expected girth.
     let length = tape_length(nearest);
     let plausible = (0.5..2.0).contains(&(length / tape.girth()));
     let value_mm = length / hull_excess(views);
@@ -229,11 +236,11 @@ fn hull_girth(body: &TriMesh, tape: &Tape, views: &[SeenView]) -> Option<Estimat
     })
 }
 
-/// By how much the hull of a round body is longer around than the body itself
+/// Returns the ratio of the girth of a round body's hull to that of the body
 ///
 /// `n` evenly spread lines of sight turn a circle into a polygon with `2 n` sides; opposite views share a line.
 fn hull_excess(views: &[SeenView]) -> f64 {
-    /// Lines of sight nearer to each other than this count as one
+    /// Lines of sight closer together than this count as one
     const SAME_LINE_RADIANS: f64 = 0.05;
     let mut lines: Vec<f64> = Vec::new();
     for view in views {

@@ -8,16 +8,16 @@ use super::{Estimate, Girth, Landmark, Measure, MeasureInput, Measured, Method, 
 use crate::scan::StatureFrom;
 use pirouette_body::Bone;
 
-/// Standard deviation of the scale by a card, as a share: what tilt and edges of few pixels leave
+/// Standard deviation of the scale by a card, as a share: the remaining effect of tilt and of edges a few pixels long
 const CARD_SCALE_SD: f64 = 0.01;
 
-/// ... by a stated size of pixels
+/// Standard deviation of the scale by a stated size of pixels
 const PIXEL_SCALE_SD: f64 = 0.005;
 
-/// Standard deviation of a stature that somebody told, in mm: people shrink by 10 to 20 mm over the day, and round
+/// Standard deviation of a given stature, in mm: people shrink by 10 to 20 mm over the day, and round
 const STATED_STATURE_SD_MM: f64 = 5.0;
 
-/// Standard deviation of the scale, as a share of all lengths
+/// Returns the standard deviation of the scale, as a share of all lengths
 pub(super) fn scale_sd(input: &MeasureInput) -> f64 {
     match (input.stature_mm, input.stature_from) {
         (Some(stature_mm), StatureFrom::Stated) => STATED_STATURE_SD_MM / stature_mm,
@@ -28,7 +28,7 @@ pub(super) fn scale_sd(input: &MeasureInput) -> f64 {
     }
 }
 
-/// The given stature, or else the height of the body
+/// Returns the given stature, otherwise the height of the body
 pub(super) fn stature(input: &MeasureInput) -> Measured {
     let exact = |value_mm| Estimate {
         value_mm,
@@ -47,7 +47,7 @@ pub(super) fn stature(input: &MeasureInput) -> Measured {
 
 /// Standard deviation of a height or length on the fitted body, in mm: from photos, and by given masks
 ///
-/// So large that 68 % of the errors of random people lie within.
+/// Chosen so that 68 % of the errors of random people lie within it.
 fn own_sd(measure: Measure) -> [f64; 2] {
     match measure {
         Measure::ShoulderWidth => [7.9, 8.3],
@@ -64,11 +64,11 @@ fn own_sd(measure: Measure) -> [f64; 2] {
     }
 }
 
-/// On a figure that is not the person's body, in multiples
+/// Factor on these standard deviations for an avatar that is not the person's body
 const UNFITTED: f64 = 2.0;
 
-/// A height or a length
-pub(super) fn find(input: &MeasureInput, figure: &Figure, measure: Measure) -> Measured {
+/// Measures a height or a length
+pub(super) fn measure_length(input: &MeasureInput, figure: &Figure, measure: Measure) -> Measured {
     let (method, factor) = match input.fitted {
         true => (Method::Body, 1.0),
         false => (Method::Avatar, UNFITTED),
@@ -87,7 +87,7 @@ pub(super) fn find(input: &MeasureInput, figure: &Figure, measure: Measure) -> M
     }
 }
 
-/// A height or a length on a figure, left and right where there are two
+/// Measures a height or a length on an avatar, left and right where there are two
 pub(super) fn of_figure(figure: &Figure, measure: Measure) -> Option<Vec<f64>> {
     let level = |girth| Some(vec![figure.tape(girth)?.center().y]);
     match measure {
@@ -106,13 +106,13 @@ pub(super) fn of_figure(figure: &Figure, measure: Measure) -> Option<Vec<f64>> {
     }
 }
 
-/// From acromion to acromion over the nape, a taut tape over the back
+/// Measures from acromion to acromion over the nape, a taut tape over the back
 fn shoulder_width(figure: &Figure) -> Option<f64> {
     let nape = figure.landmark(Landmark::Nape)?;
     let sides = [Landmark::LeftAcromion, Landmark::RightAcromion].map(|l| figure.landmark(l));
     let [left, right] = [sides[0]?, sides[1]?];
     let normal = (left - nape).cross(right - nape);
-    // Outward is upward and backward, where the tape lies on the skin.
+    // Outward is upward and backward, where the tape is in contact with the skin.
     let outward = DVec3::Y - DVec3::Z;
     let half = |end: DVec3| {
         taut_below(figure, nape, end, normal, outward).unwrap_or_else(|| nape.distance(end))
@@ -120,7 +120,7 @@ fn shoulder_width(figure: &Figure) -> Option<f64> {
     Some(half(left) + half(right))
 }
 
-/// From the nape down the middle of the back to the waist: along the skin, or taut
+/// Measures from the nape down the middle of the back to the waist: along the skin, or taut
 fn nape_to_waist(figure: &Figure, taut: bool) -> Option<f64> {
     let nape = figure.landmark(Landmark::Nape)?;
     let waist = figure.landmark(Landmark::WaistBack)?;
@@ -131,14 +131,14 @@ fn nape_to_waist(figure: &Figure, taut: bool) -> Option<f64> {
     })
 }
 
-/// From the waist in front between the legs to the waist behind
+/// Measures from the waist in front between the legs to the waist behind
 fn rise(figure: &Figure) -> Option<f64> {
     let front = figure.landmark(Landmark::WaistFront)?;
     let back = figure.landmark(Landmark::WaistBack)?;
     taut_below(figure, front, back, DVec3::X, -DVec3::Y)
 }
 
-/// Length of a taut tape between two points in the plane through the first, on the side of `outward`
+/// Returns the length of a taut tape between two points in the plane through the first, on the side of `outward`
 fn taut_below(
     figure: &Figure,
     from: DVec3,
@@ -146,7 +146,7 @@ fn taut_below(
     normal: DVec3,
     outward: DVec3,
 ) -> Option<f64> {
-    let loops = plane_section(&figure.hanging().mesh, from, normal);
+    let loops = plane_section(&figure.in_a_pose().mesh, from, normal);
     let along = (to - from).try_normalize()?;
     let side = (outward - along * outward.dot(along)).try_normalize()?;
     let length = (to - from).length();
@@ -170,10 +170,10 @@ fn taut_below(
     Some(perimeter(&convex_hull(&points)) - length)
 }
 
-/// From the shoulder joint over the elbow to the wrist joint
+/// Measures from the shoulder joint over the elbow to the wrist joint
 fn arm_length(figure: &Figure) -> Vec<f64> {
     let length = |bones: [Bone; 3]| {
-        let [shoulder, elbow, wrist] = bones.map(|b| figure.hanging().bone_heads[b as usize]);
+        let [shoulder, elbow, wrist] = bones.map(|b| figure.in_a_pose().bone_heads[b as usize]);
         shoulder.distance(elbow) + elbow.distance(wrist)
     };
     vec![
@@ -182,7 +182,7 @@ fn arm_length(figure: &Figure) -> Vec<f64> {
     ]
 }
 
-/// From the acromion over the elbow joint to the outer side of the wrist
+/// Measures from the acromion over the elbow joint to the outer side of the wrist
 fn shoulder_to_wrist(figure: &Figure) -> Option<Vec<f64>> {
     [
         (
@@ -198,16 +198,16 @@ fn shoulder_to_wrist(figure: &Figure) -> Option<Vec<f64>> {
     ]
     .into_iter()
     .map(|(acromion, elbow, wrist)| {
-        let elbow = figure.hanging().bone_heads[elbow as usize];
+        let elbow = figure.in_a_pose().bone_heads[elbow as usize];
         let (acromion, wrist) = (figure.landmark(acromion)?, figure.landmark(wrist)?);
         Some(acromion.distance(elbow) + elbow.distance(wrist))
     })
     .collect()
 }
 
-/// Extent of each foot along the line from the heel to the toes
+/// Measures the extent of each foot along the line from the heel to the toes
 fn foot_length(figure: &Figure) -> Option<Vec<f64>> {
-    let avatar = figure.hanging();
+    let avatar = figure.in_a_pose();
     [Bone::LeftFoot, Bone::RightFoot]
         .into_iter()
         .map(|foot| {
@@ -220,7 +220,7 @@ fn foot_length(figure: &Figure) -> Option<Vec<f64>> {
                 .map(|(p, _)| DVec2::new(p.x, p.z))
                 .collect();
             let hull = convex_hull(&points);
-            // The longest way across a foot runs from the heel to the toes.
+            // The longest distance across a foot runs from the heel to the toes.
             let pairs = hull
                 .iter()
                 .flat_map(|a| hull.iter().map(move |b| a.distance(*b)));
@@ -229,15 +229,16 @@ fn foot_length(figure: &Figure) -> Option<Vec<f64>> {
         .collect()
 }
 
-/// Length of the shorter way along the surface through points, in the plane through the first with this normal
+/// Returns the length of the shorter path along the surface through points, in the plane through the first with this
+/// normal
 ///
-/// The straight way where the surface has no such section.
+/// Falls back to the straight distance where the surface has no such section.
 fn path_length(figure: &Figure, points: &[DVec3], normal: DVec3) -> f64 {
     let straight: f64 = points.windows(2).map(|p| p[0].distance(p[1])).sum();
     let along: Option<f64> = points
         .windows(2)
         .map(|p| {
-            // A tape bridges hollows, but is never much longer than the straight way on a back.
+            // A tape bridges hollows, but on a back it is never much longer than the straight distance.
             const MAX_DETOUR: f64 = 1.25;
             let way = section_way(figure, p[0], p[1], normal)?;
             (way < MAX_DETOUR * p[0].distance(p[1])).then_some(way)
@@ -246,11 +247,11 @@ fn path_length(figure: &Figure, points: &[DVec3], normal: DVec3) -> f64 {
     along.unwrap_or(straight)
 }
 
-/// Length of the shorter way between two points along the section through both
+/// Returns the length of the shorter path between two points along the section through both
 fn section_way(figure: &Figure, from: DVec3, to: DVec3, normal: DVec3) -> Option<f64> {
-    // Landmarks lie on the surface; a section that passes this far from one is another part's.
+    // Landmarks lie on the surface; a section that passes this far from one belongs to another part.
     const NEAR_MM: f64 = 15.0;
-    plane_section(&figure.hanging().mesh, from, normal)
+    plane_section(&figure.in_a_pose().mesh, from, normal)
         .iter()
         .filter_map(|points| {
             let [(a, off_a), (b, off_b)] = [place_along(points, from)?, place_along(points, to)?];
@@ -263,7 +264,7 @@ fn section_way(figure: &Figure, from: DVec3, to: DVec3, normal: DVec3) -> Option
         .min_by(f64::total_cmp)
 }
 
-/// Where a closed curve passes nearest to a point: the length of the curve up to there, and how near
+/// Finds the point of a closed curve nearest to a point: the length of the curve up to it, and its distance
 fn place_along(points: &[DVec3], target: DVec3) -> Option<(f64, f64)> {
     let mut before = 0.0;
     let sides = points.iter().zip(points.iter().cycle().skip(1));

@@ -1,4 +1,4 @@
-//! Volume of the body, and the mass that follows from it.
+//! Volume of the body, and the mass computed from it.
 
 use super::MeasureInput;
 
@@ -17,18 +17,18 @@ const HULL_VOLUME_SD: f64 = 0.10;
 pub struct BodyMass {
     /// Volume of the body, in l
     pub volume_l: f64,
-    /// Its standard deviation
+    /// Standard deviation of the volume
     pub volume_sd_l: f64,
     /// Mass by the volume, in kg
     pub mass_kg: f64,
-    /// Its standard deviation
+    /// Standard deviation of the mass
     pub mass_sd_kg: f64,
-    /// Mass that the person told, in kg
+    /// Mass given by the person, in kg
     pub stated_kg: Option<f64>,
 }
 
-/// Volume and mass; `None` without a body or without a scale
-pub(super) fn find(input: &MeasureInput, scale_sd: f64) -> Option<BodyMass> {
+/// Computes volume and mass; `None` without a body or without a scale
+pub(super) fn estimate_mass(input: &MeasureInput, scale_sd: f64) -> Option<BodyMass> {
     let volume_l = input.body.volume() / 1e6;
     if input.stature_mm.is_none() || volume_l.is_nan() || volume_l <= 0.0 {
         return None;

@@ -1,9 +1,13 @@
 //! Tape measurements of a body.
 //!
-//! Each girth is found twice: from the outlines of the photos, by support lines (see `support`), and along a section
-//! of the fitted body. Both are told, with their mean by variances. The fitted body tells where tapes lie, by
-//! definition on the shape it has (`landmarks`), and which outline belongs to which limb. Heights and lengths are
-//! taken on it. What cannot be had is left out with the reason.
+//! Each girth is estimated twice: from the outlines of the photos, by support lines (see `support`), and along a
+//! section of the fitted body. Both are reported, with their variance-weighted mean. The fitted body determines the
+//! positions of the tapes, by definition on its own shape (`landmarks`), and the assignment of outlines to limbs.
+//! Heights and lengths are measured on it. Values that cannot be determined are omitted with the reason.
+//!
+//! # Source
+//! ISO 8559-1:2017, *Size designation of clothes, Part 1: Anthropometric definitions for body measurement*. The
+//! definition of each measure is given by [`Measure::definition`]; some differ from the standard.
 
 mod figure;
 mod girths;
@@ -37,39 +41,39 @@ pub use value::{Estimate, LengthUnit, Measured, Measurements, Method, Unavailabl
 /// A silhouette of the person
 #[derive(Debug, Clone, Copy)]
 pub struct MeasureView<'a> {
-    /// Distances to the outline of its soft coverage, of any reach
+    /// Signed distances to the outline of its soft coverage, of any reach
     pub outline: &'a OutlineMap,
-    /// The camera that saw it
+    /// The camera of the view
     pub camera: Camera,
-    /// How far the person had turned
+    /// Turn angle of the person
     pub turn: TurnAngle,
-    /// The pose in which the figure explains it; the default for silhouettes in the reference pose
+    /// The pose in which the avatar explains it; the default for silhouettes in the reference pose
     pub pose: Pose,
 }
 
-/// What to measure, all in the world frame, mm
+/// The input of a measurement, all in the world frame, mm
 #[derive(Debug, Clone, Copy)]
 pub struct MeasureInput<'a> {
     /// The body
     pub body: &'a TriMesh,
-    /// The fitted body, or the reference figure with the person's bone lengths, in the reference pose
+    /// The fitted body, or an avatar with the person's bone lengths, in the reference pose
     pub avatar: &'a Avatar,
     /// Whether the avatar is the person's own body
     pub fitted: bool,
     /// Silhouettes of the person
     pub views: &'a [MeasureView<'a>],
-    /// Height of the person, if known; without, results are in units of it
+    /// Height of the person, if known; without it, results are in units of the stature
     pub stature_mm: Option<f64>,
-    /// How it is known
+    /// Source of the stature
     pub stature_from: StatureFrom,
-    /// What the person told besides
+    /// Additional data given by the person
     pub subject: Subject,
-    /// Share of the views whose silhouettes were given, not found in photos
+    /// Share of the views whose silhouettes were given instead of found in photos
     pub given_masks: f64,
 }
 
 impl MeasureInput<'_> {
-    /// A deviation between those from photos and by given silhouettes
+    /// Interpolates a standard deviation between those from photos and by given silhouettes
     fn between(&self, photos: f64, given: f64) -> f64 {
         photos + (given - photos) * self.given_masks.clamp(0.0, 1.0)
     }
@@ -77,7 +81,7 @@ impl MeasureInput<'_> {
 
 /// Measures a body
 ///
-/// Never fails as a whole: what cannot be had is missing with its reason.
+/// Never fails entirely: a value that cannot be determined is missing with its reason.
 pub fn measure(input: &MeasureInput) -> Measurements {
     let avatar = input.avatar;
     let see_views = || -> Vec<SeenView> {
@@ -90,8 +94,10 @@ pub fn measure(input: &MeasureInput) -> Measurements {
     let values = Measure::ALL.into_par_iter().map(|measure| {
         let measured = match measure {
             Measure::Stature => lengths::stature(input),
-            _ if !measure.girths().is_empty() => girths::find(input, &figure, &views, measure),
-            _ => lengths::find(input, &figure, measure),
+            _ if !measure.girths().is_empty() => {
+                girths::measure_girth(input, &figure, &views, measure)
+            }
+            _ => lengths::measure_length(input, &figure, measure),
         };
         let measured = measured.with_scale_sd(scale_sd);
         (measure, prior::support(input, measure, measured))
@@ -104,12 +110,12 @@ pub fn measure(input: &MeasureInput) -> Measurements {
         height_mm: height_mm.unwrap_or(avatar.stature_mm()),
         values,
         subject: input.subject,
-        mass: mass::find(input, scale_sd),
+        mass: mass::estimate_mass(input, scale_sd),
         tapes: figure.tape_curves(),
     }
 }
 
-/// A view with the figure as it should show it
+/// A view with the expected coverage of the avatar
 fn see<'a>(avatar: &Avatar, edges: &SilhouetteMesh, view: &MeasureView<'a>) -> SeenView<'a> {
     let posed = pose_bones(&avatar.bone_heads, &view.pose, view.turn);
     let positions: Vec<DVec3> = posed.skin(&avatar.mesh.positions, &avatar.weights);

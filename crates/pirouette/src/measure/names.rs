@@ -1,8 +1,8 @@
-//! What is measured: names, definitions, tapes.
+//! The measures: names, definitions, tapes.
 
-/// A girth, by the key that files use; of the left and right limb where there are two, both have a loop
+/// A girth, by the key used in files; paired limbs have one tape each
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names are self-explanatory")]
 pub enum Girth {
     Head,
     Neck,
@@ -26,7 +26,7 @@ pub enum Girth {
 
 /// A named point of the surface
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names are self-explanatory")]
 pub enum Landmark {
     Crown,
     /// Seventh cervical vertebra, the nape
@@ -49,7 +49,7 @@ pub enum Landmark {
 /// One row per measure: variant, key, definition, tapes (left limb first)
 macro_rules! measures {
     ($($variant:ident, $key:literal, $definition:literal, [$($girth:ident),*];)*) => {
-        /// What is measured; girths are tape lengths, the perimeter of the section's convex hull
+        /// A measure; girths are tape lengths, the perimeter of the section's convex hull
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
         pub enum Measure {
             $(#[doc = $definition] $variant,)*
@@ -59,21 +59,21 @@ macro_rules! measures {
             /// All measures, in the order of files
             pub const ALL: [Measure; 24] = [$(Measure::$variant,)*];
 
-            /// Key in files, in snake case
+            /// Returns the key used in files, in snake case
             pub fn name(self) -> &'static str {
                 match self {
                     $(Measure::$variant => $key,)*
                 }
             }
 
-            /// How it is taken, in words
+            /// Returns the definition in words
             pub fn definition(self) -> &'static str {
                 match self {
                     $(Measure::$variant => $definition,)*
                 }
             }
 
-            /// The tapes of a girth, left limb first; none for lengths and heights
+            /// Returns the tapes of a girth, left limb first; none for lengths and heights
             pub fn girths(self) -> &'static [Girth] {
                 match self {
                     $(Measure::$variant => &[$(Girth::$girth),*],)*

@@ -1,19 +1,23 @@
-//! What a survey says about people of a sex, stature and mass, where the person told these.
+//! Survey statistics of people of a sex, stature and mass, where the person gave these.
 //!
-//! Regressions on ANSUR II (`assets/README.md`) are one more estimate beside that from pixels, which is always told, too.
-//! The regressions know no age: it is written down with the results, and changes none.
+//! Regressions on ANSUR II ([`pirouette_body::survey`]) provide an additional estimate next to the one from pixels,
+//! which is always reported, too. The regressions do not include age: it is stored with the results, but has no effect.
+//!
+//! # Source
+//! Gordon et al. 2014, *2012 Anthropometric Survey of U.S. Army Personnel: Methods and Summary Statistics*,
+//! Natick/TR-15/007.
 
 use super::{Estimate, Measure, MeasureInput, Measured, Method};
 use pirouette_body::Sex;
 use pirouette_body::survey::Regression;
 
-/// Tapes of the survey lie a little elsewhere, and its people are soldiers: standard deviation of that, as a share
+/// Standard deviation due to differing tape positions and a sample of soldiers, as a share
 const DEFINITION_SD: f64 = 0.02;
 
-/// Girth of a relaxed upper arm over that of a flexed one, as the survey has it
+/// Ratio of the girth of a relaxed upper arm to that of a flexed one, which the survey measured
 const RELAXED_OVER_FLEXED: f64 = 0.945;
 
-/// The survey's dimension for a measure, and by what to multiply it; the survey's waist lies elsewhere
+/// Returns the survey's dimension for a measure and the factor on it; the survey's waist is defined elsewhere
 fn dimension(measure: Measure) -> Option<(&'static str, f64)> {
     Some(match measure {
         Measure::NeckGirth => ("neck_girth", 1.0),
@@ -31,7 +35,7 @@ fn dimension(measure: Measure) -> Option<(&'static str, f64)> {
     })
 }
 
-/// What the survey expects; `None` when it does not have the measure
+/// Returns the expectation of the survey; `None` when it lacks the measure
 pub(super) fn expect(
     measure: Measure,
     sex: Sex,
@@ -47,7 +51,7 @@ pub(super) fn expect(
     })
 }
 
-/// Supports a measured value by the survey, where the person told sex, stature and mass
+/// Combines a measured value with the survey, where the person gave sex, stature and mass
 pub(super) fn support(input: &MeasureInput, measure: Measure, measured: Measured) -> Measured {
     let subject = input.subject;
     let (Some(sex), Some(mass_kg), Some(stature_mm)) =
@@ -79,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn means_of_the_survey_come_back() {
+    fn means_of_the_survey_are_reproduced() {
         // Mean man: neck 398 mm, calf 392 mm
         for (measure, mean) in [(Measure::NeckGirth, 398.0), (Measure::CalfGirth, 392.0)] {
             let found = expect(measure, Sex::Male, 1756.2, 85.5).unwrap();

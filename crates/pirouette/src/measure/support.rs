@@ -1,10 +1,13 @@
-//! Girths from support lines: what the outlines of all views say about the tape in one plane.
+//! Girths from support lines: the tape in one plane estimated from the outlines of all views.
 //!
-//! Where a line of sight grazes the body, the plane through it along the outline touches the body; its trace
-//! in the plane of a tape is a line that the tape touches. Such a *support line* has a distance `h` from an
-//! axis inside and a normal at the angle `theta`. By Cauchy's formula the tape is the integral of `h`
-//! over all angles, `2 pi` times its mean, and the mean follows from a Fourier series fitted through few
-//! angles, even or not. A hull carved from the same silhouettes would be longer: its corners stand out.
+//! Where a line of sight grazes the body, the plane through it along the outline touches the body; its trace in the
+//! plane of a tape is a line that the tape touches. Such a *support line* has a distance `h` from an axis inside and a
+//! normal at the angle `theta`. By Cauchy's formula the length of the tape is the integral of `h` over all angles, `2
+//! pi` times its mean, and the mean follows from a Fourier series fitted to few angles, evenly spaced or not. A hull
+//! carved from the same silhouettes would be longer, because its corners protrude.
+//!
+//! # Source
+//! Cauchy's formula for the perimeter of a convex curve: the integral of the support function over all directions.
 
 use std::f64::consts::{PI, TAU};
 
@@ -17,19 +20,19 @@ use pirouette_body::Camera;
 use pirouette_body::PosedBones;
 use pirouette_geom::outline_map::OutlineMap;
 
-/// A view as tapes see it
+/// A view prepared for tapes
 pub(super) struct SeenView<'a> {
     outline: &'a OutlineMap,
-    /// Coverage of the photo by the figure, and where its first pixel lies: tells which outline belongs to which part
+    /// Coverage of the photo by the avatar and the offset of its first pixel: assigns outlines to parts
     expected: Grid<f32>,
     corner: DVec2,
     camera: Camera,
-    /// The bones of the figure as this view shows it
+    /// The bones of the avatar in the pose of this view
     posed: PosedBones,
 }
 
 impl<'a> SeenView<'a> {
-    /// `expected` is the figure's coverage of the same photo
+    /// `expected` is the avatar's coverage of the same photo
     pub(super) fn new(
         outline: &'a OutlineMap,
         camera: Camera,
@@ -46,7 +49,7 @@ impl<'a> SeenView<'a> {
         }
     }
 
-    /// Direction of the line of sight seen from above, in radians from 0 to pi; opposite views have the same
+    /// Returns the direction of the line of sight seen from above, in radians from 0 to pi; equal for opposite views
     pub(super) fn line_of_sight(&self) -> f64 {
         let direction = self.posed.transforms[0].matrix3.transpose() * DVec3::Z;
         direction.x.atan2(direction.z).rem_euclid(PI)
@@ -62,7 +65,7 @@ impl<'a> SeenView<'a> {
     }
 }
 
-/// The part of a picture that holds all that is not zero, with one pixel around it, and the corner of that part
+/// Crops a picture to its nonzero part with a margin of one pixel, and returns the corner of that part
 fn framed(picture: &Grid<f32>) -> (Grid<f32>, DVec2) {
     let Some((x0, y0, x1, y1)) = picture.map(|&v| v != 0.0).bounding_box() else {
         return (Grid::filled(1, 1, 0.0), DVec2::ZERO);
@@ -76,7 +79,7 @@ fn framed(picture: &Grid<f32>) -> (Grid<f32>, DVec2) {
     (picture.crop(x0, y0, x1 - x0, y1 - y0), corner)
 }
 
-/// One tape in one view; points of the reference pose go with the flesh below the tape
+/// One tape in one view; points of the reference pose move with the tissue below the tape
 struct Sight<'a> {
     view: &'a SeenView<'a>,
     room_from_tape: DAffine3,
@@ -84,9 +87,9 @@ struct Sight<'a> {
 }
 
 impl Sight<'_> {
-    /// Whether the figure leaves a photo point free
+    /// Returns whether the avatar leaves a photo point uncovered
     fn expects_background(&self, point: DVec2) -> bool {
-        // Beyond the frame, the values on it go on.
+        // Beyond the picture, the values at its border are continued.
         bilinear(&self.view.expected, point - self.view.corner) < 0.5
     }
 
@@ -95,7 +98,7 @@ impl Sight<'_> {
             .transform_point3(self.view.camera.center())
     }
 
-    /// Photo point of a point of the reference pose; `None` behind the camera
+    /// Returns the photo point of a point of the reference pose; `None` behind the camera
     fn project(&self, point: DVec3) -> Option<DVec2> {
         (self.depth(point) > 0.0).then(|| {
             let in_room = self.room_from_tape.transform_point3(point);
@@ -108,13 +111,13 @@ impl Sight<'_> {
         self.view.camera.depth(in_room)
     }
 
-    /// Direction of the line of sight through a photo point
+    /// Returns the direction of the line of sight through a photo point
     fn ray(&self, point: DVec2) -> DVec3 {
         self.tape_from_room
             .transform_vector3(self.view.camera.ray(point))
     }
 
-    /// Direction that is to the right in the photo
+    /// Returns the direction that points to the right in the photo
     fn right(&self) -> DVec3 {
         self.tape_from_room.transform_vector3(DVec3::X)
     }
@@ -123,36 +126,36 @@ impl Sight<'_> {
 /// A line in the plane of a tape that the tape touches
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SupportLine {
-    /// The view that shows it
+    /// Index of the view in which it was found
     pub(super) view: usize,
     /// Unit normal, outward
     normal: DVec2,
     /// Distance from the tape's expected center, in mm
     offset_mm: f64,
-    /// How much the line moves outward per mm that the silhouette is shifted to the right in the photo
+    /// Outward displacement of the line per mm that the silhouette is shifted to the right in the photo
     shift_rate: f64,
 }
 
-/// Outlines are looked for up to this multiple of the avatar's extent
+/// Outlines are searched up to this multiple of the avatar's extent
 ///
-/// Bodies reach 1.6 times the avatar's; beyond lies another limb.
+/// Bodies reach 1.6 times the avatar's; farther out lies another limb.
 const MAX_EXTENT: f64 = 1.8;
-/// Outlines are looked for from this multiple of the avatar's extent on
+/// Outlines are searched from this multiple of the avatar's extent on
 const MIN_EXTENT: f64 = 0.5;
-/// Outlines are looked for at least this far inward and outward, in mm
+/// Outlines are searched at least this far inward and outward, in mm
 ///
-/// Wrists are thinner than forearms are misplaced.
+/// Wrists are thinner than the position errors of forearms.
 const MIN_REACH_MM: f64 = 30.0;
 
 /// Free background that the avatar must show beyond an outline for it to count, in mm
 ///
-/// Less, and limbs that touch the trunk on larger bodies count as trunk; more, and thighs lose their inner sides.
+/// With less, limbs that touch the trunk on larger bodies count as trunk; with more, thighs lose their inner sides.
 const CLEARANCE_MM: f64 = 12.0;
 
-/// Gradients of the distance map are taken over this distance to either side, in px
+/// Gradients of the distance map are computed over this distance to either side, in px
 const GRADIENT_REACH_PX: f64 = 2.0;
 
-/// Support lines of the tape in all views where its outline is free
+/// Finds support lines of the tape in all views where its outline is free
 pub(super) fn find_lines(tape: &Tape, views: &[SeenView]) -> Vec<SupportLine> {
     let mut lines = Vec::with_capacity(2 * views.len());
     for (index, view) in views.iter().enumerate() {
@@ -164,7 +167,8 @@ pub(super) fn find_lines(tape: &Tape, views: &[SeenView]) -> Vec<SupportLine> {
     lines
 }
 
-/// Where the two lines of sight in the plane graze the expected tape; `None` where the view looks along its axis
+/// Finds the points where the two lines of sight in the plane graze the expected tape; `None` where the view looks
+/// along its axis
 fn touching_points(tape: &Tape, sight: &Sight) -> Option<[DVec2; 2]> {
     /// Nearer to the axis, the outline is that of a bent limb's end, not of its sides; in radii
     const MIN_DISTANCE_RADII: f64 = 3.0;
@@ -185,7 +189,7 @@ fn find_line(tape: &Tape, index: usize, sight: &Sight, touch: DVec2) -> Option<S
     let outer = sight.project(tape.lift(touch))?;
     let outward = (outer - inner).try_normalize()?;
     let extent = outer.distance(inner);
-    // The avatar must show background right beyond the tape's edge.
+    // The avatar must show background directly beyond the tape's edge.
     let camera = &sight.view.camera;
     let px_per_mm = camera.focal_px() / sight.depth(tape.center());
     const PROBES: u32 = 4;
@@ -218,7 +222,7 @@ fn find_line(tape: &Tape, index: usize, sight: &Sight, touch: DVec2) -> Option<S
         slope(DVec2::Y * GRADIENT_REACH_PX),
     )
     .try_normalize()?;
-    // An outline that runs along the search line is the end of something.
+    // An outline that runs along the search line is the end of a limb.
     if across.dot(outward) < 0.4 {
         return None;
     }
@@ -226,7 +230,7 @@ fn find_line(tape: &Tape, index: usize, sight: &Sight, touch: DVec2) -> Option<S
     let plane_normal = sight.ray(edge).cross(sight.ray(edge + along));
     let trace = tape.flatten(plane_normal);
     let steepness = trace.length();
-    // Where the touching plane is nearly parallel to the tape's, its trace is nowhere exact.
+    // Where the tangent plane is nearly parallel to the tape's, its trace is inexact everywhere.
     if steepness < 0.3 * plane_normal.length() {
         return None;
     }
@@ -240,14 +244,15 @@ fn find_line(tape: &Tape, index: usize, sight: &Sight, touch: DVec2) -> Option<S
     })
 }
 
-/// Distance from the center at which the silhouette ends, nearest to where it should; `None` if not in between
+/// Returns the distance from the center at which the silhouette ends, nearest to the expected one; `None` if outside
+/// the range
 fn nearest_edge(
     signed_distance: impl Fn(f64) -> f64,
     least: f64,
     expected: f64,
     most: f64,
 ) -> Option<f64> {
-    /// Steps of the search, in px: thinner gaps than this are no background
+    /// Step of the search, in px: thinner gaps do not count as background
     const STEP_PX: f64 = 0.5;
     let inside = |t: f64| signed_distance(t) < 0.0;
     let (mut inner, mut outer) = if inside(expected) {
@@ -281,51 +286,50 @@ fn nearest_edge(
     Some((inner + outer) / 2.0)
 }
 
-/// A tape's length from support lines
+/// A tape's length estimated from support lines
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FittedGirth {
     /// Length of the tape, in mm
     pub(super) girth_mm: f64,
-    /// Standard deviation, in mm, by what lines and priors say of each other
+    /// Standard deviation, in mm, from the scatter of the lines and the priors
     pub(super) sd_mm: f64,
-    /// Lines that agree with the tape
+    /// Number of lines consistent with the tape
     pub(super) line_count: usize,
-    /// Views that these lines come from
+    /// Number of views that these lines come from
     pub(super) view_count: usize,
-    /// Center of the tape in its plane against the expected one, in mm
+    /// Center of the tape in its plane relative to the expected one, in mm
     pub(super) shift: DVec2,
 }
 
-/// How exactly an outline tells a support line, as a standard deviation in mm: about half a pixel
+/// Standard deviation of a support line from an outline, in mm: about half a pixel
 const LINE_SIGMA_MM: f64 = 1.2;
 
-/// How far a silhouette may be shifted sideways against the others, as a standard deviation in mm
+/// Standard deviation of the sideways shift of a silhouette against the others, in mm
 ///
-/// What sway leaves after normalization. A shift moves the two outlines of a view in opposite directions,
-/// which leaves the girth alone; wider, and tapes with one outline per view lose their center.
+/// Remains of sway after normalization. A shift moves the two outlines of a view in opposite directions and does not
+/// change the girth; with a larger value, tapes with one outline per view lose their center.
 const SHIFT_SIGMA_MM: f64 = 12.0;
 
-/// Prior of the difference from the scaled avatar, per harmonic, as a part of the radius
+/// Prior of the difference from the scaled avatar, per harmonic, as a share of the radius
 ///
-/// The first moves the center, the second makes the tape more or less flat, the third pear-shaped,
-/// the fourth boxy.
+/// The first moves the center, the second makes the tape more or less flat, the third pear-shaped, the fourth boxy.
 const HARMONIC_SIGMAS: [f64; 4] = [0.4, 0.10, 0.03, 0.015];
 
-/// Least prior of the center, in mm: thin limbs are misplaced by more than their radius
+/// Lower bound of the prior of the center, in mm: thin limbs are misplaced by more than their radius
 const CENTER_SIGMA_MM: f64 = 25.0;
 
-/// Prior of the girth itself, as a part of the avatar's: nearly free
+/// Prior of the girth itself, as a share of the avatar's: nearly free
 const SIZE_SIGMA: f64 = 0.5;
 
-/// Fits the avatar's tape, scaled and bent by four harmonics, to support lines; girths follow by Cauchy's formula
+/// Fits the avatar's tape, scaled and bent by four harmonics, to support lines; the girth follows from Cauchy's formula
 ///
-/// Lines of limbs that hide the outline stand off and lose their weight. `None` without lines.
+/// Lines of limbs that hide the outline are outliers and lose their weight. `None` without lines.
 pub(super) fn fit_girth(
     tape: &Tape,
     lines: &[SupportLine],
     view_count: usize,
 ) -> Option<FittedGirth> {
-    /// Rounds: each sets the scale of the avatar's shape and the weights anew
+    /// Rounds: each updates the scale of the avatar's shape and the weights
     const ROUNDS: usize = 10;
     if lines.is_empty() {
         return None;
@@ -342,7 +346,7 @@ pub(super) fn fit_girth(
         if mean.is_nan() || mean <= 0.0 {
             return None;
         }
-        // Wide at first, so that a wrong start does not condemn right lines; never below what is usual
+        // Wide at first, so that a bad start does not reject correct lines; never below the usual value
         let wide = 0.15 * mean / (1 << round.min(4)) as f64;
         let tolerance = wide.max(3.0 * LINE_SIGMA_MM);
         for (weight, residual) in weights.iter_mut().zip(&solved.residuals) {
@@ -368,12 +372,12 @@ pub(super) fn fit_girth(
 
 /// Linear least squares for one round: mean radius, four harmonics, one shift per view
 struct Problem {
-    /// Row per line: derivatives by the unknowns
+    /// One row per line: derivatives with respect to the unknowns
     rows: Vec<Vec<f64>>,
     /// Per line: measured minus expected offset
     targets: Vec<f64>,
     weights: Vec<f64>,
-    /// Standard deviation of each unknown, around zero
+    /// Prior standard deviation of each unknown, around zero
     priors: Vec<f64>,
 }
 
@@ -429,7 +433,7 @@ impl Problem {
         let n = self.priors.len();
         let information = 1.0 / LINE_SIGMA_MM.powi(2);
         let mut normal = faer::Mat::<f64>::zeros(n, n);
-        // The second column asks for the variance of the first unknown.
+        // The second column yields the variance of the first unknown.
         let mut right = faer::Mat::<f64>::zeros(n, 2);
         right[(0, 1)] = 1.0;
         for (k, prior) in self.priors.iter().enumerate() {

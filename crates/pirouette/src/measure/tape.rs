@@ -1,4 +1,4 @@
-//! Where a tape is expected: its plane, and the convex curve that it follows there.
+//! The expected position of a tape: its plane, and its convex curve in that plane.
 
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 use pirouette_geom::section::{convex_hull, perimeter};
@@ -7,7 +7,7 @@ use super::landmarks::Section;
 use pirouette_body::Avatar;
 use pirouette_body::{PosedBones, SkinWeight};
 
-/// The convex curve in which a tape is expected, in its plane
+/// The expected convex curve of a tape, in its plane
 #[derive(Debug, Clone)]
 pub(super) struct Tape {
     /// A point inside
@@ -17,14 +17,14 @@ pub(super) struct Tape {
     v: DVec3,
     /// Convex hull of the section around the center, counter-clockwise
     hull: Vec<DVec2>,
-    /// The surface that it lies on, for going with poses: vertices of the figure and their weights
+    /// The surface below it, for moving with poses: vertices of the avatar and their weights
     carriers: Vec<(DVec3, SkinWeight)>,
-    /// How much the tape's length changes per mm that it lies elsewhere
-    taper: f64,
+    /// Change of the tape's length per mm of displacement
+    girth_slope: f64,
 }
 
 impl Tape {
-    /// The tape along a section of a figure; `None` without area
+    /// Creates the tape along a section of an avatar; `None` if its area is zero
     pub(super) fn of_section(section: &Section, figure: &Avatar) -> Option<Self> {
         let carriers = section.vertices.iter().filter_map(|&v| {
             let position = figure.mesh.positions.get(v as usize)?;
@@ -32,12 +32,12 @@ impl Tape {
         });
         let tape = Self::new(&section.points, section.plane.normal, carriers.collect())?;
         Some(Self {
-            taper: section.taper,
+            girth_slope: section.girth_slope,
             ..tape
         })
     }
 
-    /// The tape around points, in the plane through their middle across `normal`
+    /// Creates the tape around points, in the plane through their middle with this `normal`
     pub(super) fn new(
         points: &[DVec3],
         normal: DVec3,
@@ -51,7 +51,7 @@ impl Tape {
         if hull.len() < 3 {
             return None;
         }
-        // The mean leans to where the section has many points; the middle of the hull does not.
+        // The mean is biased to where the section has many points; the middle of the hull is not.
         let middle = hull.iter().sum::<DVec2>() / hull.len() as f64;
         for p in &mut hull {
             *p -= middle;
@@ -62,11 +62,11 @@ impl Tape {
             v,
             hull,
             carriers,
-            taper: 0.0,
+            girth_slope: 0.0,
         })
     }
 
-    /// The same tape elsewhere
+    /// Returns the same tape at another position
     pub(super) fn moved(&self, by: DVec3) -> Self {
         Self {
             center: self.center + by,
@@ -74,37 +74,37 @@ impl Tape {
         }
     }
 
-    /// A point inside the tape
+    /// Returns a point inside the tape
     pub(super) fn center(&self) -> DVec3 {
         self.center
     }
 
-    /// Unit normal of the plane
+    /// Returns the unit normal of the plane
     pub(super) fn normal(&self) -> DVec3 {
         self.u.cross(self.v)
     }
 
-    /// Length of the expected tape, in mm
+    /// Returns the length of the expected tape, in mm
     pub(super) fn girth(&self) -> f64 {
         perimeter(&self.hull)
     }
 
-    /// How much its length changes per mm that it lies elsewhere
-    pub(super) fn taper(&self) -> f64 {
-        self.taper
+    /// Returns the change of its length per mm of displacement
+    pub(super) fn girth_slope(&self) -> f64 {
+        self.girth_slope
     }
 
-    /// Convex hull around the center, counter-clockwise in the plane
+    /// Returns the convex hull around the center, counter-clockwise in the plane
     pub(super) fn hull(&self) -> &[DVec2] {
         &self.hull
     }
 
-    /// The hull in space
+    /// Returns the hull in space
     pub(super) fn points(&self) -> Vec<DVec3> {
         self.hull.iter().map(|&p| self.lift(p)).collect()
     }
 
-    /// Distance from the center of the support line with this outward normal
+    /// Returns the distance from the center of the support line with this outward normal
     pub(super) fn support(&self, normal: DVec2) -> f64 {
         self.hull
             .iter()
@@ -120,7 +120,7 @@ impl Tape {
         DVec2::new(direction.dot(self.u), direction.dot(self.v))
     }
 
-    /// The rigid motion that carries the tape from the reference pose into the room, with the flesh that it lies on
+    /// Computes the rigid motion from the reference pose into the room of the tissue below the tape
     pub(super) fn room_from_reference(&self, posed: &PosedBones) -> DAffine3 {
         let mut sum = [0.0; 4];
         let mut first: Option<DQuat> = None;
@@ -131,7 +131,7 @@ impl Tape {
             to += transform.transform_point3(*position);
             for (bone, share) in weight.iter() {
                 let turn = DQuat::from_mat3(&posed.transforms[bone as usize].matrix3);
-                // A quaternion and its negative are one rotation.
+                // A quaternion and its negative are the same rotation.
                 let same = *first.get_or_insert(turn);
                 let sign = if same.dot(turn) < 0.0 { -share } else { share };
                 for (s, q) in sum.iter_mut().zip(turn.to_array()) {

@@ -69,7 +69,7 @@ impl Cylinder {
         mesh
     }
 
-    /// Length around, by fine steps
+    /// Length around, by small steps
     fn girth(&self) -> f64 {
         let point = |i: u32| {
             let (sin, cos) = (TAU * f64::from(i) / 3600.0).sin_cos();
@@ -91,7 +91,7 @@ fn join(parts: &[Cylinder]) -> TriMesh {
     all
 }
 
-/// A figure of cylinders
+/// An avatar of cylinders
 fn figure(parts: &[Cylinder]) -> Avatar {
     let mesh = join(parts);
     Avatar {
@@ -103,13 +103,13 @@ fn figure(parts: &[Cylinder]) -> Avatar {
     }
 }
 
-/// The tape around the middle of the first cylinder of a figure
+/// The tape around the middle of the first cylinder of an avatar
 fn tape(avatar: &Avatar, axis: DVec3) -> Tape {
     let ring = (AROUND..2 * AROUND).map(|v| avatar.mesh.positions[v as usize]);
     let points: Vec<DVec3> = ring.collect();
     let root = SkinWeight::rigid(Bone::Root);
     let carriers = points.iter().map(|&p| (p, root)).collect();
-    Tape::new(&points, axis, carriers).expect("a ring has an area")
+    Tape::new(&points, axis, carriers).expect("the ring has a nonzero area")
 }
 
 fn camera() -> Camera {
@@ -155,7 +155,7 @@ fn outlines(silhouettes: &[Grid<f32>]) -> Vec<OutlineMap> {
     silhouettes.iter().map(outline).collect()
 }
 
-/// Outlines as cameras see them of an avatar that stands at these angles in these poses
+/// Silhouettes seen by cameras of an avatar at these angles in these poses
 fn seen<'a>(
     avatar: &Avatar,
     outlines: &'a [OutlineMap],
@@ -180,7 +180,7 @@ fn still(turns: &[f64]) -> impl Iterator<Item = (f64, Pose)> {
     turns.iter().map(|&degrees| (degrees, Pose::default()))
 }
 
-/// The girth of the first part by lines alone
+/// Girth of the first part by lines alone
 fn around(avatar: &Avatar, axis: DVec3, silhouettes: &[Grid<f32>], turns: &[f64]) -> f64 {
     let outlines = outlines(silhouettes);
     let views = seen(avatar, &outlines, camera(), still(turns));
@@ -193,7 +193,7 @@ fn waist(avatar: &Avatar, silhouettes: &[Grid<f32>], turns: &[f64]) -> f64 {
     around(avatar, DVec3::Y, silhouettes, turns)
 }
 
-/// A silhouette moved by whole pixels
+/// Shifts a silhouette by complete pixels
 fn shifted(silhouette: &Grid<f32>, by: isize) -> Grid<f32> {
     Grid::from_fn(silhouette.width(), silhouette.height(), |x, y| {
         *silhouette.get(x as isize - by, y as isize).unwrap_or(&0.0)
@@ -238,7 +238,7 @@ proptest! {
 }
 
 #[test]
-fn uneven_turns_give_the_girth_too() {
+fn unevenly_spread_turns_give_the_same_girth() {
     let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
     let body = Cylinder::upright(10.0, 5.0, [160.0, 115.0]);
     for turns in [
@@ -253,7 +253,7 @@ fn uneven_turns_give_the_girth_too() {
 }
 
 #[test]
-fn arms_before_the_trunk_do_not_count_as_trunk() {
+fn arms_in_front_of_the_trunk_do_not_count_as_trunk() {
     let arms = |reach: f64, radius: f64| {
         [
             Cylinder::upright(reach, 60.0, [radius; 2]),
@@ -276,14 +276,14 @@ fn an_outline_that_another_limb_hides_is_an_outlier() {
     let body = Cylinder::upright(0.0, 0.0, [160.0, 115.0]);
     let clean = render(&[body], &EIGHT);
     let mut silhouettes = clean.clone();
-    // An arm that the avatar does not have, merged with the trunk in one view
+    // An arm that the avatar lacks, merged with the trunk in one view
     let arm = Cylinder::upright(190.0, 0.0, [40.0, 40.0]);
     silhouettes[1] = render(&[body, arm], &EIGHT[1..2]).remove(0);
     let expected = waist(&avatar, &clean, &EIGHT);
     let found = waist(&avatar, &silhouettes, &EIGHT);
     assert!(
         (found / expected - 1.0).abs() < 0.01,
-        "{found} for {expected}"
+        "{found}, expected {expected}"
     );
 }
 
@@ -302,7 +302,7 @@ fn a_limb_is_measured_across_its_axis() {
 }
 
 #[test]
-fn a_tape_goes_with_the_pose_of_each_view() {
+fn a_tape_follows_the_pose_of_each_view() {
     let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
     let body = Cylinder::upright(0.0, 0.0, [160.0, 120.0]);
     let mesh = body.mesh();
@@ -354,7 +354,7 @@ fn woman(stature_mm: f64) -> Avatar {
         stature_mm: Some(stature_mm),
         ..MannequinParameters::default()
     };
-    mannequin(&parameters).expect("the parameters are sound")
+    mannequin(&parameters).expect("the parameters are valid")
 }
 
 fn measured(avatar: &Avatar, views: &[MeasureView], fitted: bool) -> Measurements {
@@ -371,7 +371,7 @@ fn measured(avatar: &Avatar, views: &[MeasureView], fitted: bool) -> Measurement
 }
 
 #[test]
-fn without_views_the_body_alone_speaks() {
+fn without_views_the_body_alone_is_measured() {
     let avatar = woman(1640.0);
     let all = measured(&avatar, &[], true);
     for (measure, true_mm) in measure_figure(&avatar) {
@@ -382,8 +382,8 @@ fn without_views_the_body_alone_speaks() {
         assert!(found.lines.is_none());
     }
     assert_eq!(all.get(Measure::WaistGirth).method, Method::BodyTape);
-    // A figure that is not the person: the section of the hull, here of the figure itself, less what carving adds from
-    // the least that can be carved from, two directions.
+    // An avatar that is not the person: the section of the hull, here of the avatar itself, less the excess of carving
+    // from the minimum that can be carved from, two directions.
     let waist = measured(&avatar, &[], false);
     let waist = waist.get(Measure::WaistGirth);
     assert_eq!(waist.method, Method::HullSection);
@@ -393,7 +393,7 @@ fn without_views_the_body_alone_speaks() {
 }
 
 #[test]
-fn outlines_and_body_are_combined_and_a_contradiction_is_told() {
+fn outlines_and_body_are_combined_and_inconsistency_is_reported() {
     let avatar = woman(1640.0);
     let seen = |avatar: &Avatar| -> Vec<OutlineMap> {
         EIGHT
@@ -482,7 +482,7 @@ fn a_larger_scene_has_larger_measures() {
 }
 
 #[test]
-fn what_cannot_be_had_is_null_with_the_reason() {
+fn unavailable_measures_carry_the_reason() {
     let mut avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
     avatar.mesh.positions[0] = DVec3::NAN;
     let blank = outline(&Grid::filled(600, 800, 0.0));
@@ -533,7 +533,7 @@ fn without_a_scale_lengths_are_in_units_of_the_stature() {
 }
 
 #[test]
-fn statistics_help_who_told_sex_and_mass_and_never_silently() {
+fn statistics_apply_only_with_given_sex_and_mass_and_are_reported() {
     let avatar = woman(1640.0);
     let plain = measured(&avatar, &[], true);
     let supported = measure(&MeasureInput {
@@ -556,7 +556,7 @@ fn statistics_help_who_told_sex_and_mass_and_never_silently() {
     );
     assert_eq!(after.method, Method::WithStatistics);
     assert_eq!(after.pixels.map(|p| p.value_mm), before.value_mm.ok());
-    let prior = after.prior.expect("the survey knows necks").value_mm;
+    let prior = after.prior.expect("the survey includes necks").value_mm;
     let (low, high) = (
         prior.min(before.value_mm.unwrap()),
         prior.max(before.value_mm.unwrap()),
@@ -567,7 +567,7 @@ fn statistics_help_who_told_sex_and_mass_and_never_silently() {
 }
 
 #[test]
-fn a_body_has_the_mass_of_its_volume() {
+fn the_mass_follows_from_the_volume() {
     let avatar = woman(1640.0);
     let mass = measured(&avatar, &[], true).mass.expect("there is a body");
     assert!((40.0..90.0).contains(&mass.mass_kg), "{mass:?}");

@@ -1,11 +1,11 @@
-//! One measured value and what is known about it; all values of one person.
+//! One measured value with its accuracy and sources; all values of one person.
 
 use glam::DVec3;
 
 use super::{BodyMass, Girth, Measure};
 use crate::scan::{StatureFrom, Subject};
 
-/// How a value was found
+/// Method by which a value was determined
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
@@ -17,28 +17,28 @@ pub enum Method {
     SupportLines,
     /// Along a section of the fitted body
     BodyTape,
-    /// Support lines and the section of the fitted body, by their variances
+    /// Support lines and the section of the fitted body, weighted by their variances
     Combined,
-    /// Convex section of the carved hull, less what carving adds on average
+    /// Convex section of the carved hull, less the average excess of carving
     HullSection,
-    /// Read off the body
+    /// Measured on the body
     Body,
-    /// From the reference figure with the person's bone lengths
+    /// From the avatar with the person's bone lengths
     Avatar,
-    /// From pixels, supported by the statistics of a survey
+    /// From pixels, combined with the statistics of a survey
     WithStatistics,
 }
 
 /// Why a value is missing
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Unavailable {
-    /// The figure does not say where the tape goes
-    #[error("the figure has no place for this tape")]
+    /// The position of the tape on the avatar is undetermined
+    #[error("the avatar has no section for this tape")]
     NoLandmark,
     /// Neither outlines nor the body show it
-    #[error("too few views show it free of other limbs, and the body has no section there")]
+    #[error("too few views show it clear of other limbs, and the body has no section there")]
     Hidden,
-    /// There is no body to take it from
+    /// No body to measure it on
     #[error("the body is empty")]
     NoBody,
 }
@@ -48,17 +48,17 @@ pub enum Unavailable {
 pub struct Estimate {
     /// The value
     pub value_mm: f64,
-    /// Its standard deviation
+    /// Standard deviation
     pub sd_mm: f64,
 }
 
 impl Estimate {
-    /// How much two estimates that see the same silhouettes have their errors in common
+    /// Correlation between the errors of two estimates from the same silhouettes
     ///
     /// (Errors of 100 random people correlate by 0.8 to 1 at trunk and legs, by 0.5 to 0.9 at neck and arms.)
     const CORRELATION: f64 = 0.9;
 
-    /// The mean of two estimates by their variances
+    /// Returns the variance-weighted mean of two estimates
     pub(super) fn combined(self, other: Self) -> Self {
         let [a, b] = [self, other].map(|e| e.sd_mm.max(1e-6));
         let weight = b * b / (a * a + b * b);
@@ -71,50 +71,50 @@ impl Estimate {
         }
     }
 
-    /// Whether two estimates differ by more than twice what both allow
+    /// Returns whether two estimates differ by more than twice their joint standard deviation
     pub(super) fn contradicts(self, other: Self) -> bool {
         (self.value_mm - other.value_mm).abs() > 2.0 * self.sd_mm.hypot(other.sd_mm)
     }
 
-    /// The mean of the same measure on both sides
+    /// Returns the mean of the same measure on both sides
     pub(super) fn mean(sides: &[Self]) -> Option<Self> {
         let count = sides.len() as f64;
         (!sides.is_empty()).then(|| Self {
             value_mm: sides.iter().map(|e| e.value_mm).sum::<f64>() / count,
-            // Left and right are seen by the same views in the same way: their errors go together.
+            // Left and right are seen by the same views in the same way: their errors are fully correlated.
             sd_mm: sides.iter().map(|e| e.sd_mm).sum::<f64>() / count,
         })
     }
 }
 
-/// One measured value with what is known about it, in mm
+/// One measured value with its accuracy and sources, in mm
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured {
-    /// The value: of two limbs the mean; or why there is none
+    /// The value, the mean for paired limbs; or the reason why it is missing
     pub value_mm: Result<f64, Unavailable>,
-    /// How it was found
+    /// Method by which it was determined
     pub method: Method,
-    /// Left limb's own
+    /// Value of the left limb
     pub left_mm: Option<f64>,
-    /// Right limb's own
+    /// Value of the right limb
     pub right_mm: Option<f64>,
-    /// Height above the floor at which it was taken
+    /// Height above the floor at which it was measured
     pub level_mm: Option<f64>,
-    /// Standard deviation of the value, the uncertainty of the scale included
+    /// Standard deviation of the value, including the uncertainty of the scale
     pub sd_mm: Option<f64>,
-    /// The part of it that all values share: the uncertainty of the scale
+    /// The component common to all values: the uncertainty of the scale
     pub scale_sd_mm: Option<f64>,
-    /// Views whose outlines it rests on
+    /// Number of views whose outlines contribute
     pub view_count: Option<usize>,
-    /// What support lines alone say
+    /// Estimate from support lines alone
     pub lines: Option<Estimate>,
-    /// What the section of the body alone says
+    /// Estimate from the section of the body alone
     pub body: Option<Estimate>,
-    /// Whether these two differ by more than both allow
+    /// Whether these two differ by more than their uncertainties allow
     pub contradicted: bool,
-    /// What pixels alone say, where statistics support the value
+    /// Estimate from pixels alone, where statistics support the value
     pub pixels: Option<Estimate>,
-    /// What the survey says about people of this sex, stature and mass
+    /// Expectation of the survey for people of this sex, stature and mass
     pub prior: Option<Estimate>,
 }
 
@@ -148,7 +148,7 @@ impl Measured {
     }
 }
 
-/// Rounds to a tenth of a millimeter: what files show
+/// Rounds to a tenth of a millimeter, the precision in files
 fn to_tenths(value_mm: f64) -> f64 {
     (value_mm * 10.0).round() / 10.0
 }
@@ -158,12 +158,12 @@ fn to_tenths(value_mm: f64) -> f64 {
 pub enum LengthUnit {
     /// Millimeters, rounded to tenths
     Millimeter,
-    /// The height of the person, here in mm of a person of assumed height
+    /// The height of the person; values are in mm of a person of assumed height
     Stature(f64),
 }
 
 impl LengthUnit {
-    /// End of the names of keys
+    /// Returns the suffix of keys
     pub fn suffix(self) -> &'static str {
         match self {
             LengthUnit::Millimeter => "_mm",
@@ -171,7 +171,7 @@ impl LengthUnit {
         }
     }
 
-    /// Converts a length in mm, rounded as files show it
+    /// Converts a length in mm, rounded as in files
     pub fn convert(self, value_mm: f64) -> f64 {
         match self {
             LengthUnit::Millimeter => to_tenths(value_mm),
@@ -184,41 +184,42 @@ impl LengthUnit {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurements {
     pub(super) values: Vec<(Measure, Measured)>,
-    /// How the scale is known; `None` when it is not, and values are those of a person of assumed height
+    /// Source of the scale; `None` when unknown, and values are those of a person of assumed height
     pub stature: Option<StatureFrom>,
-    /// Height of the figure, in mm
+    /// Height of the avatar, in mm
     pub(super) height_mm: f64,
-    /// Data given about the person
+    /// Data given by the person
     pub subject: Subject,
-    /// Volume and body mass, where there is a body and a scale
+    /// Volume and body mass, if there is a body and a scale
     pub mass: Option<BodyMass>,
-    /// Where the tapes went: closed curves, world frame, mm
+    /// Positions of the tapes: closed curves, world frame, mm
     pub tapes: Vec<(Girth, Vec<DVec3>)>,
 }
 
 impl Measurements {
-    /// One measure with its details
+    /// Returns one measure with its details
     ///
     /// # Panics
-    /// Never: all measures are there, missing ones with their reason.
+    /// Never: all measures are present, missing ones with their reason.
     pub fn get(&self, measure: Measure) -> &Measured {
         let entry = self.values.iter().find(|(m, _)| *m == measure);
         &entry.expect("every measure has an entry").1
     }
 
-    /// The value in mm, `None` when it is missing
+    /// Returns the value in mm, `None` when it is missing
     pub fn value_mm(&self, measure: Measure) -> Option<f64> {
         self.get(measure).value_mm.ok()
     }
 
-    /// All measures in the order of files
+    /// Iterates over all measures in the order of files
     pub fn iter(&self) -> impl Iterator<Item = (Measure, &Measured)> {
         self.values
             .iter()
             .map(|(measure, measured)| (*measure, measured))
     }
 
-    /// Whether the scale is known; else values are those of a person of assumed height, and files give them in units of it
+    /// Returns whether the scale is known; otherwise values are those of a person of assumed height, and files store
+    /// them in units of it
     pub fn in_mm(&self) -> bool {
         self.stature.is_some()
     }
@@ -231,7 +232,7 @@ impl Measurements {
         }
     }
 
-    /// The unit in which lengths are reported
+    /// Returns the unit in which lengths are reported
     pub fn unit(&self) -> LengthUnit {
         match self.stature {
             Some(_) => LengthUnit::Millimeter,

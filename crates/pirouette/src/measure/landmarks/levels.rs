@@ -1,4 +1,4 @@
-//! Heights of the level tapes, by the shape of the body.
+//! Heights of the level tapes, determined by the shape of the body.
 
 use glam::DVec3;
 
@@ -6,53 +6,56 @@ use super::Body;
 use super::slice::{Plane, Slicer};
 use pirouette_body::Bone;
 
-/// Natural waist by the crotch, both as shares of the stature: slope and offset
+/// Height of the natural waist as a function of the crotch, both as shares of the stature: slope and offset
 ///
-/// The middle between the tenth rib and the crest of the hip bone is not seen on skin. In the ANSUR II survey, men and
-/// women alike, it lies at 0.520 crotch + 0.376 (standard deviation 0.0095). The tape is put one such deviation lower,
-/// toward the navel: on bodies with known waists, the survey's middle is 10 to 20 mm too high.
+/// The middle between the tenth rib and the crest of the hip bone is not visible on the skin. In the ANSUR II survey,
+/// for men and women alike, it lies at 0.520 crotch + 0.376 (standard deviation 0.0095). The tape is put one such
+/// standard deviation lower, toward the navel: on bodies with known waists, the survey's middle is 10 to 20 mm too
+/// high.
 const WAIST_BY_CROTCH: [f64; 2] = [0.520, 0.3662];
 
-/// Rearmost point of the seat by the crotch, both as shares of the stature (ANSUR II; standard deviation 0.012)
+/// Height of the rearmost point of the seat as a function of the crotch, both as shares of the stature (ANSUR II;
+/// standard deviation 0.012)
 const SEAT_BY_CROTCH: [f64; 2] = [0.779, 0.1343];
 
-/// Where the bust is sought, below the armpits, as shares of the stature
+/// Range searched for the bust, below the armpits, as shares of the stature
 ///
-/// In the ANSUR II survey the chest tape lies 0.022 below the armpit on men, 0.042 on women. Higher, and the roots of the arms
-/// add 4 mm of girth per mm; lower, and bellies count as chests.
+/// In the ANSUR II survey the chest tape lies 0.022 below the armpit on men, 0.042 on women. Higher up, the roots of
+/// the arms add 4 mm of girth per mm; lower down, bellies count as chests.
 const BUST_ZONE: [f64; 2] = [0.05, 0.01];
 
-/// Where armpits are on bodies without arms and on those whose arms were lifted, as a share of the way from the upper spine's head to the shoulders
+/// Position of armpits on bodies without arms and on those whose arms were lifted, as a share of the way from the upper
+/// spine's head to the shoulders
 const ARMPIT_FALLBACK: f64 = 0.47;
 
-/// The strip beside the breast bone in which no bust point lies, as a share of the stature
+/// Half-width of the strip at the breast bone that contains no bust point, as a share of the stature
 pub(super) const BUST_MIN_X: f64 = 0.015;
 
-/// Profiles of the chest are smoothed over so much to either side, as a share of the stature
+/// Half-width of the smoothing of chest profiles, as a share of the stature
 const BUST_SMOOTHING: f64 = 0.012;
 
-/// Points of the chest count as most forward by `exp(-depth behind the foremost / this)`, a share of the stature (2 mm)
+/// Points of the chest are weighted by `exp(-depth behind the foremost / this)`, a share of the stature (2 mm)
 ///
-/// The foremost point itself jumps by 40 mm between two crests that are equally high; the middle of all nearly foremost ones
-/// does not. Larger, and the level of a pointed breast leans to the middle of the zone.
+/// The foremost point itself jumps by 40 mm between two crests of equal depth; the weighted mean of all nearly foremost
+/// points does not. With a larger value, the level of a pointed breast is biased to the middle of the zone.
 const BUST_SOFTNESS: f64 = 0.001;
 
-/// Where the fold below the breast is sought, below the bust points, as shares of the stature; where it usually is, and the
-/// standard deviation of that
+/// Range searched for the fold below the breast, below the bust points, as shares of the stature; its usual position,
+/// and the standard deviation of that
 const UNDERBUST_ZONE: [f64; 2] = [0.065, 0.02];
 const UNDERBUST_USUAL: [f64; 2] = [0.042, 0.012];
 
-/// Like [`BUST_SOFTNESS`], for the depth of the fold: shallow ones count less than where folds usually are
+/// Like [`BUST_SOFTNESS`], for the depth of the fold: shallow folds have less weight than the usual position
 const UNDERBUST_SOFTNESS: f64 = 0.0005;
 
-/// Where the seat is sought, relative to the hip joints, as shares of the stature
+/// Range searched for the seat, relative to the hip joints, as shares of the stature
 const SEAT_ZONE: [f64; 2] = [-0.05, 0.045];
 
-/// Points of a profile within this share of the stature (3 mm) of its extreme are as extreme: skin is flat there, and the middle of the
-/// flat part moves less from body to body than its peak
+/// Points of a profile within this share of the stature (3 mm) of its extreme count as extreme: skin is flat there, and
+/// the middle of the flat part varies less between bodies than its peak
 const PLATEAU: f64 = 0.0018;
 
-/// Where the crotch is sought, relative to the hip joints, as shares of the stature
+/// Range searched for the crotch, relative to the hip joints, as shares of the stature
 const CROTCH_ZONE: [f64; 2] = [-0.11, 0.01];
 
 /// Step of the searches along the body, as a share of the stature
@@ -80,7 +83,7 @@ impl Levels {
             reach(&surface, y, -1.0, |_| true)
         });
         let rearmost = plateau(&back, PLATEAU * stature);
-        // The rearmost point wanders by 20 mm with the hollow of the back, as much as the survey's bodies differ.
+        // The rearmost point varies by 20 mm with the hollow of the back, as much as the survey's bodies differ.
         let usual_seat = by_crotch(SEAT_BY_CROTCH);
         let seat = rearmost.map_or(usual_seat, |rearmost| (rearmost + usual_seat) / 2.0);
 
@@ -95,7 +98,7 @@ impl Levels {
     }
 }
 
-/// Where the mid plane of the trunk ends below
+/// Returns the lower end of the trunk's mid plane
 fn crotch(body: &Body<'_>, hips: DVec3) -> DVec3 {
     let [low, high] = CROTCH_ZONE.map(|share| hips.y + share * body.stature);
     let mid_plane = Plane {
@@ -109,7 +112,7 @@ fn crotch(body: &Body<'_>, hips: DVec3) -> DVec3 {
         .unwrap_or(DVec3::new(hips.x, low, hips.z))
 }
 
-/// Height of the armpits: the lowest points where arms part from the trunk, mean of both sides
+/// Returns the height of the armpits: the lowest points where arms separate from the trunk, mean of both sides
 fn armpit(body: &Body<'_>) -> f64 {
     let spine = body.head(Bone::UpperSpine).y;
     let shoulders = body.middle_of(Bone::LeftUpperArm, Bone::RightUpperArm).y;
@@ -124,7 +127,7 @@ fn armpit(body: &Body<'_>) -> f64 {
         heights.reduce(f64::min)
     };
     match [&body.left, &body.right].map(|limbs| lowest(&limbs.arm_vertices)) {
-        // Weights that run far down the trunk are no armpits.
+        // Weights that extend far down the trunk do not mark armpits.
         [Some(left), Some(right)]
             if !body.lifted && left.min(right) > spine && left.max(right) < shoulders =>
         {
@@ -134,7 +137,7 @@ fn armpit(body: &Body<'_>) -> f64 {
     }
 }
 
-/// Height of the most forward points beside the breast bone, mean of both sides
+/// Returns the height of the frontmost points next to the breast bone, mean of both sides
 fn bust(body: &Body<'_>) -> f64 {
     let armpit = armpit(body);
     let [low, high] = BUST_ZONE.map(|share| armpit - share * body.stature);
@@ -154,7 +157,7 @@ fn bust(body: &Body<'_>) -> f64 {
     }
 }
 
-/// How far the chest reaches forward beside the breast bone on the left (`outward` 1) or on the right (-1)
+/// Returns the forward extent of the chest next to the breast bone on the left (`outward` 1) or on the right (-1)
 fn chest(body: &Body<'_>, [low, high]: [f64; 2], outward: f64) -> Vec<(f64, f64)> {
     let middle = body.head(Bone::UpperSpine).x;
     let beside = |p: DVec3| (p.x - middle) * outward > BUST_MIN_X * body.stature;
@@ -164,8 +167,8 @@ fn chest(body: &Body<'_>, [low, high]: [f64; 2], outward: f64) -> Vec<(f64, f64)
     })
 }
 
-/// Height of the fold below the breast: where the profile lies deepest behind the line from the bust to the ribs, mean of both
-/// sides; on chests without one, where it usually is
+/// Returns the height of the fold below the breast: where the profile is deepest behind the line from the bust to the
+/// ribs, mean of both sides; on chests without a fold, its usual position
 fn underbust(body: &Body<'_>, bust: f64) -> f64 {
     let [far, near] = UNDERBUST_ZONE.map(|share| bust - share * body.stature);
     let [usual, usual_sd] = UNDERBUST_USUAL.map(|share| share * body.stature);
@@ -185,7 +188,7 @@ fn underbust(body: &Body<'_>, bust: f64) -> f64 {
     }
 }
 
-/// A quantity at each height where there is one
+/// A quantity at each height where it is defined
 pub(super) fn profile(heights: &[f64], value: impl Fn(f64) -> Option<f64>) -> Vec<(f64, f64)> {
     heights
         .iter()
@@ -193,7 +196,8 @@ pub(super) fn profile(heights: &[f64], value: impl Fn(f64) -> Option<f64>) -> Ve
         .collect()
 }
 
-/// How far a section reaches along z, forward for `forward` 1 and backward for -1, among the points that `keep` allows
+/// Returns the extent of a section along z, forward for `forward` 1 and backward for -1, among the points accepted by
+/// `keep`
 pub(super) fn reach(
     surface: &Slicer<'_>,
     y: f64,
@@ -208,7 +212,7 @@ pub(super) fn reach(
         .reduce(f64::max)
 }
 
-/// A profile averaged with its surroundings, nearer ones more
+/// Averages a profile with its neighborhood, weighting nearer samples more
 fn smoothed(profile: &[(f64, f64)], reach: f64) -> Vec<(f64, f64)> {
     let at = |y: f64| {
         let weighted = profile.iter().map(|&(other, value)| {
@@ -221,7 +225,8 @@ fn smoothed(profile: &[(f64, f64)], reach: f64) -> Vec<(f64, f64)> {
     profile.iter().map(|&(y, _)| (y, at(y))).collect()
 }
 
-/// The mean of the heights of a profile, each weighted by `exp(-how far it is below the maximum / softness)`; `None` without any
+/// Returns the mean of the heights of a profile, each weighted by `exp(-distance below the maximum / softness)`; `None`
+/// if empty
 fn soft_top(profile: &[(f64, f64)], softness: f64) -> Option<f64> {
     let top = profile.iter().map(|&(_, value)| value).reduce(f64::max)?;
     let weighted = profile.iter().map(|&(y, value)| {
@@ -232,7 +237,7 @@ fn soft_top(profile: &[(f64, f64)], softness: f64) -> Option<f64> {
     Some(sum / weights).filter(|y| y.is_finite())
 }
 
-/// The middle of the heights at which a profile is within `depth` of its maximum
+/// Returns the middle of the heights at which a profile is within `depth` of its maximum
 fn plateau(profile: &[(f64, f64)], depth: f64) -> Option<f64> {
     let top = profile.iter().map(|&(_, value)| value).reduce(f64::max)?;
     let flat: Vec<f64> = profile

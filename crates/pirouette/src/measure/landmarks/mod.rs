@@ -1,9 +1,11 @@
 //! Tapes and landmarks found by the geometry of a body.
 //!
-//! Works on any upright skinned body in a reference pose, whatever its topology: levels come from the surface
-//! where ISO 8559-1 defines them by shape (bust points, seat, crotch, largest calf, smallest ankle) and from
-//! the joints where it defines them by bones (waist, knee, upper arm, wrist). Arms are told from the trunk by the
-//! skinning weights.
+//! Works on any upright skinned body in a reference pose, regardless of its topology: levels come from the surface
+//! where ISO 8559-1 defines them by shape (bust points, seat, crotch, largest calf, smallest ankle) and from the joints
+//! where it defines them by bones (waist, knee, upper arm, wrist). The skinning weights separate arms from the trunk.
+//!
+//! # Source
+//! ISO 8559-1:2017, *Size designation of clothes, Part 1: Anthropometric definitions for body measurement*.
 
 mod levels;
 mod points;
@@ -21,22 +23,22 @@ use pirouette_body::{Pose, SkinWeight, pose_bones};
 pub(super) use slice::Plane;
 use slice::Slicer;
 
-/// Where a tape goes around a body
+/// Position of a tape on a body
 #[derive(Debug, Clone)]
 pub(super) struct Section {
-    /// What it measures
+    /// The girth that it measures
     pub(in crate::measure) girth: Girth,
     /// The plane of the tape, world frame, mm
     pub(in crate::measure) plane: Plane,
-    /// Where the plane cuts the surface, in no order
+    /// Intersections of the plane with the surface, unordered
     pub(in crate::measure) points: Vec<DVec3>,
     /// The vertices next to these points, in order along the tape
     pub(in crate::measure) vertices: Vec<u32>,
-    /// How much longer the tape would be per mm that its plane lies elsewhere, in either direction
-    pub(in crate::measure) taper: f64,
+    /// Change of the tape's length per mm of displacement of its plane, in either direction
+    pub(in crate::measure) girth_slope: f64,
 }
 
-/// Tapers are taken over this share of the stature (8 mm) to either side: as far as tapes are misplaced
+/// Girth slopes are computed over this share of the stature (8 mm) to either side: the size of position errors of tapes
 const TAPER_REACH: f64 = 0.005;
 
 /// Thigh below the crotch, as a share of the stature: below the fold of the seat
@@ -45,35 +47,35 @@ const THIGH_BELOW_CROTCH: f64 = 0.034;
 /// Upper arm tape as a share of the way from shoulder to elbow: just below the bulge of the deltoid
 const UPPER_ARM_SHARE: f64 = 0.55;
 
-/// Where the largest calf and the smallest ankle are sought, as shares of the way from ankle to knee
+/// Ranges searched for the largest calf and the smallest ankle, as shares of the way from ankle to knee
 const CALF_ZONE: [f64; 2] = [0.45, 0.9];
 const ANKLE_ZONE: [f64; 2] = [0.0, 0.4];
 
-/// Where the thinnest wrist is sought, as shares of the way from elbow to wrist joint
+/// Range searched for the thinnest wrist, as shares of the way from elbow to wrist joint
 ///
 /// At the joint itself girths grow toward the hand by 1 mm per mm, and joints are misplaced by 5 mm.
 const WRIST_ZONE: [f64; 2] = [0.88, 1.0];
 
-/// Where the smallest neck is sought, as shares of the way from the neck's to the head's joint
+/// Range searched for the smallest neck, as shares of the way from the neck's to the head's joint
 const NECK_ZONE: [f64; 2] = [0.0, 0.75];
 
-/// How far its plane leans forward, front lower, in degrees
+/// Forward tilt of its plane, front lower, in degrees
 ///
-/// Square to the spine of the neck, which leads forward by 10 degrees and more, tapes would cut into the nape.
+/// Perpendicular to the spine of the neck, which tilts forward by 10 degrees and more, tapes would cut into the nape.
 const NECK_TILT_DEGREES: f64 = 5.0;
 
-/// Step of its search, as a share of the stature
+/// Step of the search, as a share of the stature
 const NECK_STEP: f64 = 0.002;
 
-/// Where the head is largest above the ears, as shares of the stature below the crown
+/// Range searched for the largest girth of the head above the ears, as shares of the stature below the crown
 const HEAD_ZONE: [f64; 2] = [0.065, 0.03];
 
 /// Radius around the neck's axis, as a share of the stature, that holds the neck but not the shoulders or the chin
 const NECK_REACH: f64 = 0.06;
 
-/// The tapes of a figure by the shape that it has now, and its landmarks, points of its surface
+/// Finds the tapes of an avatar from its current shape, and its landmarks, points of its surface
 ///
-/// `None` for a girth whose part the surface lacks.
+/// Girths of parts that the surface lacks are omitted.
 pub(super) fn find_sections(avatar: &Avatar) -> (Vec<Section>, Vec<(Landmark, DVec3)>) {
     let Some(mut body) = Body::new(&avatar.mesh, &avatar.weights, &avatar.bone_heads) else {
         return (Vec::new(), Vec::new());
@@ -83,9 +85,9 @@ pub(super) fn find_sections(avatar: &Avatar) -> (Vec<Section>, Vec<(Landmark, DV
     (body.sections(&levels), body.landmarks(&levels))
 }
 
-/// A figure in T-pose with the arms of an A-pose; `None` for a figure in A-pose
+/// Returns an avatar in T-pose with the arms of an A-pose; `None` for an avatar in A-pose
 ///
-/// Arms that are stretched out level lift chest and shoulders: tapes and landmarks there are taken with the arms lowered.
+/// Arms stretched out level lift chest and shoulders: tapes and landmarks there are measured with the arms lowered.
 pub(super) fn with_lowered_arms(avatar: &Avatar) -> Option<Avatar> {
     if avatar.pose == ReferencePose::A {
         return None;
@@ -102,13 +104,13 @@ pub(super) fn with_lowered_arms(avatar: &Avatar) -> Option<Avatar> {
     Some(lowered)
 }
 
-/// A body with its parts told apart
+/// A body divided into its parts
 struct Body<'a> {
     mesh: &'a TriMesh,
     surface: Slicer<'a>,
     heads: &'a [DVec3; Bone::COUNT],
     stature: f64,
-    /// Everything but the arms
+    /// Everything except the arms
     armless: Vec<bool>,
     trunk: Slicer<'a>,
     left: Limbs<'a>,
@@ -205,7 +207,7 @@ impl<'a> Body<'a> {
         (self.head(left) + self.head(right)) / 2.0
     }
 
-    /// Heights from `low` to `high` in steps of about [`STEP`]
+    /// Returns heights from `low` to `high` in steps of about [`STEP`]
     fn heights(&self, low: f64, high: f64) -> Vec<f64> {
         let count = ((high - low) / (STEP * self.stature))
             .ceil()
@@ -229,7 +231,7 @@ impl Body<'_> {
                     plane,
                     points,
                     vertices,
-                    taper: (above - below).abs() / (2.0 * by),
+                    girth_slope: (above - below).abs() / (2.0 * by),
                 });
             }
         };
@@ -300,7 +302,7 @@ impl Body<'_> {
         sections
     }
 
-    /// The plane across the forearm above the wrist joint where it is thinnest
+    /// Returns the plane across the forearm above the wrist joint where it is thinnest
     fn thinnest_wrist(&self, limbs: &Limbs<'_>) -> Option<Plane> {
         const STEPS: u32 = 12;
         let [low, high] = WRIST_ZONE;
@@ -314,7 +316,7 @@ impl Body<'_> {
         thinnest.map(|(plane, _)| plane)
     }
 
-    /// The level plane over the ears around which the head is largest
+    /// Returns the level plane over the ears at which the head is largest
     fn fullest_head(&self) -> Option<Plane> {
         let [low, high] = HEAD_ZONE.map(|share| (1.0 - share) * self.stature);
         let head = self.trunk.between(low, high);
@@ -325,7 +327,7 @@ impl Body<'_> {
         largest.map(|(y, _)| Plane::level(y))
     }
 
-    /// The neck's surface, and the plane across its axis where it is thinnest
+    /// Returns the neck's surface, and the plane across its axis where it is thinnest
     fn neck(&self) -> (Slicer<'_>, Plane) {
         let (low, high) = (self.head(Bone::Neck), self.head(Bone::Head));
         let normal = (high - low).try_normalize().unwrap_or(DVec3::Y);
@@ -359,7 +361,7 @@ impl Body<'_> {
     }
 }
 
-/// The plane across a bone at a share of its length
+/// Returns the plane across a bone at a share of its length
 fn across(from: DVec3, to: DVec3, share: f64) -> Option<Plane> {
     Some(Plane {
         origin: from.lerp(to, share),

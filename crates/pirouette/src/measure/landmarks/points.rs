@@ -1,4 +1,4 @@
-//! Named points of the surface, exact to within its facets: vertices would jump from body to body by half an edge.
+//! Named points of the surface, exact to within its facets: vertices would jump between bodies by half an edge.
 
 use glam::DVec3;
 
@@ -70,7 +70,7 @@ impl Body<'_> {
         found
     }
 
-    /// The outer side of the wrist, which the upper arm's direction points to
+    /// Returns the outer side of the wrist, in the direction of the upper arm
     fn outer_wrist(&self, limbs: &Limbs<'_>) -> Option<DVec3> {
         let (elbow, hand) = (self.head(limbs.forearm), self.head(limbs.hand));
         let along = (hand - elbow).try_normalize()?;
@@ -79,7 +79,7 @@ impl Body<'_> {
         self.surface_from(hand, out)
     }
 
-    /// The vertex that is best by a score, among those that `keep` allows by their numbers
+    /// Returns the vertex with the best score among those accepted by `keep`
     fn foremost(
         &self,
         keep: impl Fn(usize) -> bool,
@@ -92,7 +92,7 @@ impl Body<'_> {
         best.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(p, _)| p)
     }
 
-    /// Where a ray from inside the body leaves it for the last time
+    /// Returns the last point where a ray from inside the body leaves it
     fn surface_from(&self, inner: DVec3, direction: DVec3) -> Option<DVec3> {
         let corners = self.mesh.triangles.iter();
         corners
@@ -105,12 +105,12 @@ impl Body<'_> {
     }
 }
 
-/// Distance along a ray to a triangle, in lengths of `direction`; `None` when it misses
+/// Returns the distance along a ray to a triangle, in lengths of `direction`; `None` when it misses
 ///
 /// # Source
 /// Möller and Trumbore (1997), "Fast, minimum storage ray-triangle intersection", section 2. Edges belong to the triangle.
 fn distance_to_triangle(origin: DVec3, direction: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
-    /// Rays through an edge hit at least one of its triangles in spite of rounding
+    /// Because of rounding, rays through an edge hit at least one of its triangles
     const SLACK: f64 = 1e-9;
     let (ab, ac) = (b - a, c - a);
     let across = direction.cross(ac);

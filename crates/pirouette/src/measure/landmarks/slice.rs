@@ -1,4 +1,4 @@
-//! Sections of a part of a body as tapes see them: the points on a plane, their hull, the vertices nearby.
+//! Sections of a part of a body for tapes: the points on a plane, their hull, the vertices nearby.
 
 use glam::{DVec2, DVec3};
 use pirouette_geom::TriMesh;
@@ -10,7 +10,7 @@ pub(super) struct Slicer<'a> {
     edges: Vec<[u32; 2]>,
 }
 
-/// Where a plane cuts an edge
+/// The intersection of a plane with an edge
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Crossing {
     pub(super) edge: [u32; 2],
@@ -34,7 +34,7 @@ impl Plane {
         }
     }
 
-    /// The parallel plane so far along the normal
+    /// Returns the parallel plane at a distance along the normal
     pub(super) fn moved(self, by_mm: f64) -> Self {
         Self {
             origin: self.origin + self.normal * by_mm,
@@ -46,7 +46,7 @@ impl Plane {
         (p - self.origin).dot(self.normal)
     }
 
-    /// Coordinates within the plane, counter-clockwise seen from the side that the normal points to
+    /// Returns coordinates within the plane, counter-clockwise seen from the side that the normal points to
     fn flatten(&self, p: DVec3) -> DVec2 {
         let u = self.normal.any_orthonormal_vector();
         let v = self.normal.cross(u);
@@ -75,12 +75,12 @@ impl<'a> Slicer<'a> {
         self.edges.iter().copied()
     }
 
-    /// The edges between vertices of a part
+    /// Collects the edges between vertices of a part
     pub(super) fn part(&self, part: &[bool]) -> Self {
         self.filtered(|[a, b]| part[a as usize] && part[b as usize])
     }
 
-    /// The edges that reach into a range of heights
+    /// Selects the edges that overlap a range of heights
     pub(super) fn between(&self, low: f64, high: f64) -> Self {
         self.filtered(|edge| {
             let [p, q] = edge.map(|v| self.positions[v as usize].y);
@@ -96,7 +96,7 @@ impl<'a> Slicer<'a> {
         }
     }
 
-    /// Where a plane cuts the edges
+    /// Returns the intersections of a plane with the edges
     pub(super) fn cut(&self, plane: Plane) -> Vec<Crossing> {
         let edges = self.edges.iter();
         edges
@@ -112,17 +112,17 @@ impl<'a> Slicer<'a> {
             .collect()
     }
 
-    /// Length of a taut tape around the points on a plane, in mm; 0 without a section
+    /// Returns the length of a taut tape around the points on a plane, in mm; 0 without a section
     pub(super) fn girth(&self, plane: Plane) -> f64 {
         let crossings = self.cut(plane);
         let points: Vec<DVec2> = crossings.iter().map(|c| plane.flatten(c.point)).collect();
         perimeter(&convex_hull(&points))
     }
 
-    /// The points of a section, and the vertices next to it around its center
+    /// Returns the points of a section, and the vertices next to it around its center
     ///
-    /// Each cut edge gives its nearer end; they are ordered by direction, which is the order along the tape for any
-    /// section that its center sees. `None` with fewer than three.
+    /// Each cut edge contributes its nearer end; they are sorted by direction, which is the order along the tape for
+    /// any section that is star-shaped around its center. `None` with fewer than three.
     pub(super) fn tape(&self, plane: Plane) -> Option<(Vec<DVec3>, Vec<u32>)> {
         let crossings = self.cut(plane);
         let count = crossings.len() as f64;

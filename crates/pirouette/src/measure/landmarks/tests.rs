@@ -40,10 +40,10 @@ fn landmark(found: &Found, landmark: Landmark) -> DVec3 {
 }
 
 #[test]
-fn level_tapes_lie_where_surveys_find_them() {
+fn level_tapes_agree_with_surveys() {
     let found = find_on(&WOMAN);
     let share = |girth| center(&WOMAN, loop_of(&found, girth)).y / 1630.0;
-    // means of women in the ANSUR II survey, and the spread of persons around them
+    // means of women in the ANSUR II survey, and the spread of people around them
     for (girth, mean, spread) in [
         (Girth::Bust, 0.719, 0.014),
         (Girth::Waist, 0.61, 0.012),
@@ -62,7 +62,7 @@ fn level_tapes_lie_where_surveys_find_them() {
 }
 
 #[test]
-fn arm_tapes_lie_square_to_the_bones() {
+fn arm_tapes_are_perpendicular_to_the_bones() {
     let found = find_on(&WOMAN);
     let head = |bone: Bone| WOMAN.bone_heads[bone as usize];
     let sections = find_sections(&WOMAN).0;
@@ -162,7 +162,7 @@ fn a_larger_copy_has_the_same_loops() {
 }
 
 #[test]
-fn a_second_crest_that_grows_draws_the_bust_without_a_jump() {
+fn a_growing_second_crest_moves_the_bust_without_a_jump() {
     let man = mannequin(&MannequinParameters {
         sex: Sex::Male,
         stature_mm: Some(1750.0),
@@ -211,7 +211,7 @@ fn arms_lowered_from_a_t_pose_have_nearly_the_measures_of_an_a_pose() {
 }
 
 #[test]
-fn wrists_are_taken_where_they_are_thinnest() {
+fn wrists_are_measured_where_they_are_thinnest() {
     let (sections, _) = find_sections(&WOMAN);
     let wrist = sections.iter().find(|s| s.girth == Girth::LeftWrist);
     let wrist = wrist.expect("a wrist");
@@ -221,7 +221,7 @@ fn wrists_are_taken_where_they_are_thinnest() {
 }
 
 #[test]
-fn a_taper_tells_what_a_misplaced_tape_would_measure() {
+fn the_girth_slope_predicts_the_girth_of_a_misplaced_tape() {
     let (sections, _) = find_sections(&WOMAN);
     let of = |girth| {
         let section = sections.iter().find(|s| s.girth == girth);
@@ -231,8 +231,8 @@ fn a_taper_tells_what_a_misplaced_tape_would_measure() {
     let body = Body::new(&WOMAN.mesh, &WOMAN.weights, &WOMAN.bone_heads).unwrap();
     let girth = |by: f64| body.left.leg.girth(thigh.plane.moved(by));
     let expected = (girth(4.0) - girth(-4.0)).abs() / 8.0;
-    assert!((thigh.taper - expected).abs() < 0.2 * expected);
-    assert!(of(Girth::LeftCalf).taper < 0.2 * thigh.taper);
+    assert!((thigh.girth_slope - expected).abs() < 0.2 * expected);
+    assert!(of(Girth::LeftCalf).girth_slope < 0.2 * thigh.girth_slope);
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn level_arms_do_not_reach_the_bust() {
 }
 
 #[test]
-fn what_is_not_there_gives_no_loop() {
+fn missing_parts_give_no_loop() {
     let with = |mesh: TriMesh, weights: Vec<SkinWeight>, bone_heads: [DVec3; Bone::COUNT]| {
         find_sections(&Avatar {
             mesh,
