@@ -1,9 +1,8 @@
-//! Rendered people with known truth: a figure that turns and sways in a lived-in room, as photos with
-//! noisy keypoints.
+//! Rendered people with known truth: a person who turns and sways in a furnished room, as photos with noisy keypoints.
 //!
-//! For demonstration, tests and studies. The renderer is honest where it matters for silhouettes (exact
-//! coverage at the outline, perspective, sensor noise), and simple elsewhere (one light, no cast shadows but
-//! the one around the feet). The figure's shape comes from an [`Avatar`], so it is only as human as that.
+//! For demonstrations, tests and studies. The renderer is accurate where it matters for silhouettes (exact coverage at
+//! the outline, perspective, sensor noise), and simple elsewhere (one light, no cast shadows except around the feet).
+//! The shape comes from an [`Avatar`], so it is only as realistic as that.
 
 pub mod people;
 mod person;
@@ -25,7 +24,7 @@ use pirouette_body::{Avatar, render};
 use pirouette_body::{Bone, Joint, Keypoint, Keypoints};
 use pirouette_body::{Pose, PosedBones, pose_bones};
 
-/// How a person is photographed
+/// Parameters of the photography of a person
 #[derive(Debug, Clone, PartialEq)]
 pub struct SyntheticOptions {
     /// Equal seeds give equal scans
@@ -34,29 +33,29 @@ pub struct SyntheticOptions {
     pub turns: Vec<TurnAngle>,
     /// The camera; the person stands at its turning axis
     pub camera: Camera,
-    /// Sway relative to that of people who try to stand still; 0 stands still
+    /// Sway relative to that of people who try to stand still; 0 for none
     pub sway: f64,
     /// Standard deviation of visible keypoints, in px at a stature of 800 px; hidden ones have three times as much
     pub keypoint_noise_px: f64,
-    /// Standard deviation of the true turn from the one that the scan tells, in radians
+    /// Standard deviation of the true turn from the one stated in the scan, in radians
     pub turn_noise_radians: f64,
     /// Standard deviation of the sensor noise, in gray levels
     pub sensor_noise: f64,
-    /// What stands around
+    /// Furniture of the room
     pub clutter: Clutter,
-    /// Whether photos are painted; else they are blank, and the exact silhouettes are given as masks
+    /// Whether photos are rendered; otherwise they are blank, and the exact silhouettes are given as masks
     pub photos: bool,
 }
 
 impl SyntheticOptions {
-    /// Views evenly over one turn
+    /// Returns settings for evenly spaced views over one turn
     pub fn even_turns(view_count: usize) -> Vec<TurnAngle> {
         (0..view_count)
             .map(|i| TurnAngle::from_degrees(360.0 * i as f64 / view_count as f64))
             .collect()
     }
 
-    /// A camera that sees a person of the given stature with some air around
+    /// Returns a camera that sees a person of the given stature with a margin around
     pub fn camera_for(stature_mm: f64, width_px: usize, height_px: usize) -> Camera {
         let vertical_fov_radians = 50_f64.to_radians();
         let aspect = (width_px as f64 / height_px as f64).min(0.8);
@@ -73,23 +72,23 @@ impl SyntheticOptions {
     }
 }
 
-/// A scan with what is true about it
+/// A scan with its ground truth
 #[derive(Debug, Clone)]
 pub struct SyntheticScan {
-    /// What a user would have: photos, keypoints, angles, camera height and field of view, stature
+    /// The data a user would have: photos, keypoints, angles, camera height and field of view, stature
     pub scan: Scan,
-    /// What nobody would know
+    /// The data unknown to a user
     pub truth: Truth,
 }
 
-/// What is true about a rendered person
+/// Ground truth of a rendered person
 #[derive(Debug, Clone)]
 pub struct Truth {
     /// The body in the reference pose, world frame, mm
     pub body: TriMesh,
     /// The camera
     pub camera: Camera,
-    /// The pose in each view, after the turn that the scan tells
+    /// The pose in each view, after the turn stated in the scan
     pub poses: Vec<Pose>,
     /// The silhouette as photographed, of each view
     pub silhouettes: Vec<Mask>,
@@ -182,7 +181,7 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
     SyntheticScan { scan, truth }
 }
 
-/// Keypoints as a detector would report them: noisy, less sure of what is hidden
+/// Simulates keypoints as reported by a detector: noisy, with lower confidence for hidden joints
 fn detect(
     avatar: &Avatar,
     posed: &PosedBones,
@@ -220,7 +219,7 @@ fn detect(
     Keypoints::new(points)
 }
 
-/// Whether a point of the face lies on the far side of the head
+/// Returns whether a point of the face lies on the far side of the head
 fn faces_away(joint: Joint, posed: &PosedBones) -> bool {
     let outward = match joint {
         Joint::Nose | Joint::LeftEye | Joint::RightEye => DVec3::Z,
@@ -232,7 +231,7 @@ fn faces_away(joint: Joint, posed: &PosedBones) -> bool {
     (head * outward).z < -0.1
 }
 
-/// Turns light into 8-bit pixels with sensor noise
+/// Converts light to 8-bit pixels with sensor noise
 fn expose(light: &Grid<[f32; 3]>, noise: f64, random: &mut Random) -> Photo {
     light.map(|c| {
         c.map(|v| {
@@ -242,7 +241,7 @@ fn expose(light: &Grid<[f32; 3]>, noise: f64, random: &mut Random) -> Photo {
     })
 }
 
-/// An avatar whose arms and legs stand a little otherwise, as no two people take the same pose
+/// Returns an avatar with slightly different arm and leg angles, as no two people take the same pose
 pub fn with_posture(avatar: &Avatar, rotations: &[(Bone, DVec3)]) -> Avatar {
     let mut pose = Pose::default();
     for &(bone, rotation) in rotations {
@@ -291,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn who_stands_still_shows_the_canonical_silhouettes_and_exact_keypoints() {
+    fn without_sway_silhouettes_are_canonical_and_keypoints_exact() {
         let (avatar, synthetic) = small_scan(0.0);
         let truth = &synthetic.truth;
         for (silhouette, canonical) in truth.silhouettes.iter().zip(&truth.canonical) {
@@ -333,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn the_room_stays_while_the_person_turns_and_sways() {
+    fn the_room_is_static_while_the_person_turns_and_sways() {
         let (_, synthetic) = small_scan(1.0);
         let [a, b] = [
             &synthetic.scan.views[0].photo,
@@ -349,7 +348,7 @@ mod tests {
             &synthetic.truth.silhouettes[2],
         ];
         assert!(a.iou(b) < 0.95);
-        // nobody floats
+        // the soles are on the floor
         let bottom = a.bounding_box().unwrap().3;
         let still = synthetic.truth.canonical[0].bounding_box().unwrap().3;
         assert!(bottom.abs_diff(still) <= 2);

@@ -8,10 +8,10 @@ use crate::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
 /// Columns and rows of rendered photos: small, so that tests are quick
 pub const PHOTO_SIZE_PX: (usize, usize) = (200, 250);
 
-/// Renders a woman who turns with the usual sway before a plain wall, in evenly spread views
+/// Renders a woman who turns with the usual sway in front of a plain wall, in evenly spaced views
 ///
 /// # Panics
-/// When the built-in mannequin cannot be made.
+/// When the built-in mannequin cannot be built.
 pub fn turning_woman(view_count: usize) -> SyntheticScan {
     let stature_mm = 1650.0;
     let avatar = mannequin(&MannequinParameters {
@@ -20,7 +20,7 @@ pub fn turning_woman(view_count: usize) -> SyntheticScan {
         pose: ReferencePose::A,
         ..MannequinParameters::default()
     })
-    .expect("an average woman can be made");
+    .expect("an average mannequin can be built");
     let (width_px, height_px) = PHOTO_SIZE_PX;
     synthesize(
         &avatar,

@@ -1,4 +1,4 @@
-//! What the person wears, and how photos of it are composed.
+//! Clothing of the person, and composition of the photos.
 
 use glam::DVec3;
 use pirouette_geom::Grid;
@@ -14,7 +14,7 @@ use pirouette_body::{Bone, Joint};
 pub(super) struct Look {
     seed: u64,
     mesh: render::SilhouetteMesh,
-    /// Reference position of each vertex, which the renderer interpolates in the place of a color
+    /// Reference position of each vertex, which the renderer interpolates in place of a color
     places: Vec<[f32; 3]>,
     segments: Vec<(Bone, DVec3, DVec3)>,
     eyes: DVec3,
@@ -80,7 +80,7 @@ impl Look {
         }
     }
 
-    /// The person in the room: `positions` are the posed vertices
+    /// Renders the person in the room: `positions` are the posed vertices
     pub(super) fn paint(&self, background: &Light, positions: &[DVec3], camera: &Camera) -> Light {
         let layer = render::shade_layer(
             &self.mesh,
@@ -102,7 +102,7 @@ impl Look {
         })
     }
 
-    /// Middle of the soles on the floor
+    /// Returns the middle of the soles on the floor
     fn feet(&self, positions: &[DVec3]) -> DVec3 {
         let (mut sum, mut count) = (DVec3::ZERO, 0.0);
         for p in positions.iter().filter(|p| p.y < 0.03 * self.stature_mm) {
@@ -116,7 +116,7 @@ impl Look {
         }
     }
 
-    /// How much light the person leaves on the floor around the feet, 0 to 1
+    /// Returns the share of light that the person leaves on the floor around the feet, 0 to 1
     fn contact_shadow(&self, x: usize, y: usize, camera: &Camera, feet: DVec3) -> f32 {
         let ray = camera.ray(glam::DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
         if ray.y >= -1e-6 {
@@ -127,7 +127,7 @@ impl Look {
         (1.0 - 0.55 * (-away * away).exp()) as f32
     }
 
-    /// Color of a point of the reference pose
+    /// Returns the color of a point of the reference pose
     fn albedo(&self, place: DVec3) -> [f32; 3] {
         let (bone, along) = self.nearest_bone(place);
         let weave = 0.92 + 0.16 * noise(place / 5.0, self.seed);
@@ -163,7 +163,7 @@ impl Look {
         skin
     }
 
-    /// The bone nearest to a point of the reference pose, and how far along it the point lies (0 to 1)
+    /// Returns the bone nearest to a point of the reference pose, and the position along it (0 to 1)
     fn nearest_bone(&self, place: DVec3) -> (Bone, f64) {
         let mut nearest = (f64::INFINITY, Bone::Root, 0.0);
         for &(bone, from, to) in &self.segments {

@@ -1,4 +1,4 @@
-//! A small repeatable random generator, so that a seed gives the same person on every machine.
+//! A small deterministic random generator, so that a seed gives the same person on every machine.
 
 use std::f64::consts::TAU;
 
@@ -14,37 +14,37 @@ impl Random {
         Self { state: seed }
     }
 
-    /// Uniform over all 64-bit numbers
+    /// Returns a uniform 64-bit number
     pub fn bits(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         mix(self.state)
     }
 
-    /// Uniform in [0, 1)
+    /// Returns a uniform number in [0, 1)
     pub fn uniform(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Uniform between two numbers
+    /// Returns a uniform number between two bounds
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
     }
 
-    /// Standard normal (Box and Muller 1958)
+    /// Returns a standard normal number (Box and Muller 1958)
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (TAU * self.uniform()).cos()
     }
 }
 
-/// Scrambles 64 bits: nearby inputs give unrelated outputs
+/// Hashes 64 bits: nearby inputs give unrelated outputs
 fn mix(mut z: u64) -> u64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
 }
 
-/// Uniform in [0, 1), fixed by a lattice point
+/// Returns a number uniform in [0, 1), determined by a lattice point
 fn lattice(x: i64, y: i64, z: i64, seed: u64) -> f64 {
     let key = (x as u64)
         .wrapping_mul(0x8da6_b343)
@@ -54,7 +54,7 @@ fn lattice(x: i64, y: i64, z: i64, seed: u64) -> f64 {
     (mix(key) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Smooth noise in [0, 1] over space, cell size 1 (value noise, trilinear with smooth steps)
+/// Returns smooth noise in [0, 1] over space, cell size 1 (value noise, trilinear with smooth steps)
 pub(super) fn noise(point: glam::DVec3, seed: u64) -> f64 {
     let cell = point.floor();
     let f = point - cell;
@@ -71,7 +71,7 @@ pub(super) fn noise(point: glam::DVec3, seed: u64) -> f64 {
     value
 }
 
-/// Sum of three octaves of [`noise`], in [0, 1]
+/// Returns the sum of three octaves of [`noise`], in [0, 1]
 pub(super) fn rough_noise(point: glam::DVec3, seed: u64) -> f64 {
     (noise(point, seed)
         + 0.5 * noise(point * 2.03, seed ^ 0x55)
@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn normal_numbers_have_mean_zero_and_deviation_one() {
+    fn normal_numbers_have_mean_zero_and_standard_deviation_one() {
         let mut random = Random::new(7);
         let values: Vec<f64> = (0..20_000).map(|_| random.normal()).collect();
         let mean = values.iter().sum::<f64>() / values.len() as f64;

@@ -1,4 +1,4 @@
-//! A lived-in room, ray-traced: floor, wall and furniture that stay while the person turns.
+//! A furnished room, ray-traced: floor, wall and furniture are static while the person turns.
 
 use glam::{DVec2, DVec3};
 use pirouette_geom::Grid;
@@ -10,7 +10,7 @@ use pirouette_body::Camera;
 /// Light before the gamma curve, one value per channel; 1 is white
 pub(super) type Light = Grid<[f32; 3]>;
 
-/// How much stands around behind the person
+/// Amount of furniture behind the person
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Clutter {
     /// Floor and a wall of one color
@@ -176,7 +176,7 @@ impl Room {
         self.rug = Some((DVec2::new(0.0, 150.0), DVec2::new(900.0, 650.0), rug));
     }
 
-    /// The empty room as the camera sees it
+    /// Renders the empty room
     pub(super) fn render(&self, camera: &Camera) -> Light {
         let (width, height) = (camera.width_px, camera.height_px);
         let rows: Vec<Vec<[f32; 3]>> = (0..height)
@@ -305,7 +305,7 @@ impl Room {
     }
 }
 
-/// Distance along the ray and outward normal where it enters a box
+/// Returns the distance along the ray and the outward normal where it enters a box
 fn hit_box(item: &Furniture, origin: DVec3, ray: DVec3) -> Option<(f64, DVec3)> {
     let a = (item.low - origin) / ray;
     let b = (item.high - origin) / ray;
@@ -318,7 +318,7 @@ fn hit_box(item: &Furniture, origin: DVec3, ray: DVec3) -> Option<(f64, DVec3)> 
     Some((enter, -DVec3::AXES[axis] * ray[axis].signum()))
 }
 
-/// A random color of given lightness range and saturation
+/// Returns a random color of given lightness range and saturation
 pub(super) fn hue(random: &mut Random, dark: f64, light: f64, saturation: f64) -> DVec3 {
     let level = random.between(dark, light);
     let tint = DVec3::new(random.uniform(), random.uniform(), random.uniform());

@@ -1,6 +1,6 @@
-//! How people who try to stand still are off their reference pose.
+//! Deviations of people who try to stand still from their reference pose.
 //!
-//! Joints drift each by itself, but nobody falls: what they move the body's weight by is made good at the ankles.
+//! Joints drift independently, but balance is kept: displacements of the center of mass are compensated at the ankles.
 
 use glam::{DQuat, DVec2, DVec3};
 use pirouette_geom::TriMesh;
@@ -11,23 +11,24 @@ use pirouette_body::Bone;
 use pirouette_body::TurnAngle;
 use pirouette_body::{Pose, pose_bones};
 
-/// Part of the prior deviation that people who try to stand still use up in each parameter
+/// Share of the prior standard deviation that people who try to stand still use in each parameter
 const SWAY_SHARE: f64 = 0.6;
 
-/// Standard deviation of the center of mass from where it is over the feet in the reference pose, along each axis, in mm
+/// Standard deviation of the center of mass from its position over the feet in the reference pose, along each axis, in
+/// mm
 ///
 /// Joints that drift without regard to balance move it by 20 mm, in one of 40 views to less than a tenth of the foot's
 /// length from the end of the heel.
 const BALANCE_MM: f64 = 10.0;
 
-/// Beyond so many standard deviations nobody calls it standing still
+/// Truncation in standard deviations; beyond it a person no longer stands still
 const MOST_DEVIATIONS: f64 = 2.0;
 
 fn deviation(random: &mut Random) -> f64 {
     random.normal().clamp(-MOST_DEVIATIONS, MOST_DEVIATIONS)
 }
 
-/// A random pose near the reference pose, turned farther by some radians
+/// Draws a random pose near the reference pose, with an additional turn in radians
 pub(super) fn sway(turned_more: f64, scale: f64, random: &mut Random) -> Pose {
     let sigmas = Pose::prior_sigmas();
     let parameters = std::array::from_fn(|i| deviation(random) * sigmas[i] * scale * SWAY_SHARE);
@@ -37,15 +38,16 @@ pub(super) fn sway(turned_more: f64, scale: f64, random: &mut Random) -> Pose {
     pose
 }
 
-/// How far the center of mass is off its place over the feet, in mm along x and z of the room
+/// Draws the displacement of the center of mass from its position over the feet, in mm along x and z of the room
 pub(super) fn off_balance_mm(scale: f64, random: &mut Random) -> DVec2 {
     DVec2::new(deviation(random), deviation(random)) * BALANCE_MM * scale
 }
 
-/// Leans the whole body so that it stands on its feet, its center of mass that far off, and puts the soles on the floor
+/// Leans the complete body so that it stands on its feet with its center of mass at that displacement, and puts the
+/// soles on the floor
 pub(super) fn stand(avatar: &Avatar, turn: TurnAngle, off_mm: DVec2, pose: &mut Pose) {
     let wanted = above_feet(avatar, turn, &Pose::default()) + DVec3::new(off_mm.x, 0.0, off_mm.y);
-    // The second step mends what the first one's curvature leaves.
+    // The second step corrects the residual due to the curvature of the first one.
     for _ in 0..2 {
         let now = above_feet(avatar, turn, pose);
         let away = wanted - now;
@@ -61,7 +63,7 @@ pub(super) fn stand(avatar: &Avatar, turn: TurnAngle, off_mm: DVec2, pose: &mut 
     }
 }
 
-/// The center of mass, from the middle between the ankles, in mm along the axes of the room
+/// Returns the center of mass, from the middle between the ankles, in mm along the axes of the room
 fn above_feet(avatar: &Avatar, turn: TurnAngle, pose: &Pose) -> DVec3 {
     let posed = pose_bones(&avatar.bone_heads, pose, turn);
     let body = TriMesh {
@@ -78,7 +80,7 @@ mod tests {
     use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
     #[test]
-    fn whoever_sways_keeps_the_balance_and_the_soles_on_the_floor() {
+    fn sway_keeps_the_balance_and_the_soles_on_the_floor() {
         let avatar = mannequin(&MannequinParameters::default()).unwrap();
         let mut fallen_mm = 0.0;
         for seed in 0..6 {
@@ -102,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn who_does_not_sway_stands_in_the_reference_pose() {
+    fn without_sway_the_pose_is_the_reference_pose() {
         let avatar = mannequin(&MannequinParameters::default()).unwrap();
         let random = &mut Random::new(3);
         let mut pose = sway(0.0, 0.0, random);

@@ -7,7 +7,7 @@ use pirouette_body::ReferencePose;
 use pirouette_body::Sex;
 use pirouette_body::TurnAngle;
 
-/// RGB pixels as given, after the EXIF orientation was applied
+/// RGB pixels as given, after applying the EXIF orientation
 pub type Photo = Grid<[u8; 3]>;
 
 /// All views of one person
@@ -17,22 +17,22 @@ pub struct Scan {
     pub pose: ReferencePose,
     /// Height of the person, in mm
     pub stature_mm: Option<f64>,
-    /// How that height is known
+    /// Source of that height
     pub stature_from: StatureFrom,
     /// Size of a pixel of the photos as given, at the turning axis, in mm
     pub mm_per_px: Option<f64>,
-    /// What the person told besides
+    /// Additional data given by the person
     pub subject: Subject,
-    /// What is known of the camera
+    /// Known camera parameters
     pub camera: CameraSetup,
     /// The views, in the order of the manifest or of the file names
     pub views: Vec<View>,
 }
 
-/// How the height of the person is known: it gives the scale of all lengths
+/// Source of the person's height, which sets the scale of all lengths
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum StatureFrom {
-    /// The person said so
+    /// Given by the person
     #[default]
     Stated,
     /// From a card of known size in a photo
@@ -41,7 +41,7 @@ pub enum StatureFrom {
     PixelSize,
 }
 
-/// What a person told about the body; statistics of a survey then support the measures, and say so
+/// Data about the body given by a person; measures are then supported by survey statistics, and marked as such
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Subject {
     /// Sex
@@ -52,7 +52,7 @@ pub struct Subject {
     pub age_years: Option<f64>,
 }
 
-/// What is known of the camera; the rest is estimated
+/// Known camera parameters; the others are estimated
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CameraSetup {
     /// Vertical field of view, from the manifest or else from EXIF
@@ -70,11 +70,11 @@ pub struct CameraSetup {
 pub struct View {
     /// Stem of the photo's file name
     pub name: String,
-    /// The photo, shrunk when the input was larger than the method needs
+    /// The photo, downscaled when the input was larger than the method needs
     pub photo: Photo,
-    /// Columns and rows of the input; masks are handed out in this size
+    /// Columns and rows of the input; masks are written in this size
     pub input_size_px: (usize, usize),
-    /// How far the person has turned
+    /// Turn angle of the person
     pub turn: TurnAngle,
     /// Detected joints, in px of the photo
     pub keypoints: Keypoints,

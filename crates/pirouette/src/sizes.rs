@@ -1,8 +1,9 @@
-//! Sizes of garments: from body dimensions and their deviations to one size, two neighbors, or "not sure".
+//! Garment sizes: computes from body dimensions and their standard deviations one size, two neighboring sizes, or "not
+//! sure".
 //!
-//! Charts are data (built-in ones after EN 13402-3); a shop gives its own. They describe bodies, not garments.
-//! The probability of a size is the mass of a normal distribution within its interval of the primary dimension, times
-//! that within the intervals of the secondary ones, widened by half a size: few people have the usual build throughout.
+//! Charts are data (built-in ones after EN 13402-3); a shop provides its own. They describe bodies, not garments. The
+//! probability of a size is the mass of a normal distribution within its interval of the primary dimension, times that
+//! within the intervals of the secondary ones, widened by half a size: few people have the usual build throughout.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,26 +11,26 @@ use crate::measure::Measurements;
 
 use pirouette_body::Sex;
 
-/// The answer is one size from this probability on
+/// Minimum probability for recommending one size
 const ONE_SIZE: f64 = 0.75;
 
-/// ... two neighboring ones from this sum on
+/// Minimum sum of probabilities for recommending two neighboring sizes
 const TWO_SIZES: f64 = 0.85;
 
-/// Least weight that a secondary dimension leaves a size: builds differ, the primary dimension decides
+/// Lower bound of the factor of a secondary dimension: builds differ, the primary dimension decides
 const SECONDARY_FLOOR: f64 = 0.15;
 
-/// Whom a chart is for
+/// Group of people that a chart is for
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names are self-explanatory")]
 pub enum ChartSex {
     Female,
     Male,
 }
 
 impl ChartSex {
-    /// Of somebody who is one of the two
+    /// Returns the group of a person of a sex
     pub fn of(sex: Sex) -> Option<Self> {
         match sex {
             Sex::Female => Some(ChartSex::Female),
@@ -42,64 +43,64 @@ impl ChartSex {
 /// A table of sizes
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chart {
-    /// What people call it
+    /// Name for people
     pub name: String,
-    /// What the labels are, for instance `EU`
+    /// Labeling system, for instance `EU`
     pub system: String,
-    /// Whom it is for; everybody when `None`
+    /// Group that the chart is for; everybody when `None`
     pub sex: Option<ChartSex>,
     /// Kind of garment
     pub garment: String,
-    /// Key of the measure that decides
+    /// Key of the primary measure
     pub primary: String,
-    /// Keys of the measures that tell how well the build agrees
+    /// Keys of the secondary measures, which rate how well the build agrees
     pub secondary: Vec<String>,
-    /// Small to large
+    /// Sizes, small to large
     pub sizes: Vec<Size>,
 }
 
-/// One size: intervals in mm, lower bound inside
+/// One size: intervals in mm, lower bound included
 #[derive(Debug, Clone, PartialEq)]
 pub struct Size {
     /// Its label
     pub name: String,
-    /// Interval of each measure that it names
+    /// Interval of each of its measures
     pub intervals_mm: Vec<(String, [f64; 2])>,
 }
 
 impl Size {
-    /// Interval of a measure by its key, in mm
+    /// Returns the interval of a measure by its key, in mm
     pub fn interval_mm(&self, key: &str) -> Option<[f64; 2]> {
         let entry = self.intervals_mm.iter().find(|(k, _)| k == key);
         entry.map(|(_, interval)| *interval)
     }
 }
 
-/// What a chart says about a person
+/// Recommendation of a chart for a person
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Advice {
     /// Name of the chart
     pub chart: String,
-    /// What the labels are
+    /// Labeling system
     pub system: String,
-    /// Whom the chart is for
+    /// Group that the chart is for
     pub sex: Option<ChartSex>,
     /// Kind of garment
     pub garment: String,
-    /// The size, two neighboring ones (the likelier first), or none when not sure
+    /// The size, two neighboring sizes (the likelier first), or none when not sure
     pub sizes: Vec<String>,
-    /// In words: how sure that is, and why there is no size
+    /// In words: the probability, or why there is no size
     pub verdict: String,
-    /// Of all sizes with one percent or more
+    /// Probability of each size of one percent or more
     pub probabilities: Vec<(String, f64)>,
-    /// The size that each measure alone asks for
+    /// The size that each measure alone indicates
     pub by_measure: Vec<(String, Option<String>)>,
 }
 
 /// A body dimension with its standard deviation, in mm
 pub type Dimension = (f64, f64);
 
-/// What a chart says about a person whose dimensions `dimension` knows by their keys
+/// Evaluates a chart for a person whose dimensions `dimension` returns by their keys
 pub fn advise(chart: &Chart, dimension: &dyn Fn(&str) -> Option<Dimension>) -> Advice {
     let mut advice = Advice {
         chart: chart.name.clone(),
@@ -157,7 +158,7 @@ pub fn advise(chart: &Chart, dimension: &dyn Fn(&str) -> Option<Dimension>) -> A
         );
         return advice;
     }
-    // What lies beyond the chart's ends keeps its share.
+    // Values beyond the chart's ends keep their probability.
     let share = |i: usize| weights[i] / sum * inside;
     let rounded = |p: f64| (p * 1000.0).round() / 1000.0;
     for (i, size) in chart.sizes.iter().enumerate() {
@@ -199,7 +200,7 @@ pub fn advise(chart: &Chart, dimension: &dyn Fn(&str) -> Option<Dimension>) -> A
     advice
 }
 
-/// Mass of a normal distribution within an interval
+/// Returns the mass of a normal distribution within an interval
 fn normal_mass(mean: f64, sd: f64, [from, to]: [f64; 2]) -> f64 {
     if sd.is_nan() || sd <= 0.0 {
         return f64::from((from..to).contains(&mean));
@@ -207,10 +208,10 @@ fn normal_mass(mean: f64, sd: f64, [from, to]: [f64; 2]) -> f64 {
     normal_below((to - mean) / sd) - normal_below((from - mean) / sd)
 }
 
-/// Cumulative standard normal distribution
+/// Returns the cumulative standard normal distribution
 ///
 /// # Source
-/// Abramowitz and Stegun 1964, eq. 26.2.17; off by 7.5e-8 at most.
+/// Abramowitz and Stegun 1964, *Handbook of Mathematical Functions*, eq. 26.2.17; error at most 7.5e-8.
 fn normal_below(z: f64) -> f64 {
     let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
     let series = [
@@ -243,7 +244,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn normal_masses_are_those_of_the_tables() {
+    fn normal_probabilities_agree_with_tables() {
         assert!((normal_mass(0.0, 1.0, [-1.0, 1.0]) - 0.682_689).abs() < 1e-6);
         assert!((normal_below(1.96) - 0.975_002).abs() < 1e-6);
         assert!((normal_mass(3.0, 0.0, [2.0, 4.0]) - 1.0).abs() < 1e-12);

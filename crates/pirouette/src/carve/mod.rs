@@ -1,11 +1,11 @@
-//! Carving: from silhouettes to the visual hull.
+//! Carving: computes the visual hull from silhouettes.
 //!
-//! The hull contains every point that all silhouettes show as person. Hollows that no silhouette shows stay
-//! filled: the navel, the hollow of an armpit. From few directions it is larger than the body: a circle
-//! seen from eight evenly spread turns becomes an octagon, 5.5 % longer around.
+//! The hull contains every point that all silhouettes show as person. Hollows that appear in no silhouette remain
+//! filled: the navel, the hollow of an armpit. From few directions it is larger than the body: a circle seen from eight
+//! evenly spread turns becomes an octagon with a 5.5 % longer perimeter.
 //!
-//! The surface is extracted where the largest signed distance to the silhouettes' outlines, in mm at the
-//! depth of the point, is zero; outlines count with their fractions of a pixel.
+//! The surface is extracted at the zero level of the largest signed distance to the silhouettes' outlines, in mm at the
+//! depth of the point; outlines are accurate to fractions of a pixel.
 
 mod phantom;
 mod projected_view;
@@ -23,25 +23,25 @@ use pirouette_body::TurnAngle;
 use pirouette_geom::outline_map::OutlineMap;
 use projected_view::{ProjectedView, ViewSet, nan_max};
 
-/// One silhouette and how it was seen
+/// One silhouette with its camera and turn angle
 #[derive(Debug, Clone, Copy)]
 pub struct CarveView<'a> {
-    /// Distances to the outline of its soft coverage, of reach [`OutlineMap::FAR_PX`]
+    /// Signed distances to the outline of its soft coverage, of reach [`OutlineMap::FAR_PX`]
     pub outline: &'a OutlineMap,
     /// The camera; its size in pixels is that of the silhouette
     pub camera: Camera,
-    /// How far the person has turned
+    /// Turn angle of the person
     pub turn: TurnAngle,
 }
 
-/// How finely and how strictly to carve
+/// Resolution and strictness of carving
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CarveOptions {
     /// Edge length of the finest cells, in mm; halving it costs four times the time and the triangles
     ///
     /// Parts thinner than a cell can be lost.
     pub voxel_size_mm: f64,
-    /// Views that must miss a point before it is removed; above 1 forgives a bad mask, fattens the hull
+    /// Number of views that must miss a point before it is removed; above 1 tolerates a bad mask, but enlarges the hull
     pub misses_to_remove: usize,
 }
 
@@ -54,24 +54,24 @@ impl Default for CarveOptions {
     }
 }
 
-/// Why there is no hull
+/// Why carving failed
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum CarveError {
-    /// Too few silhouettes show anything
+    /// Too few nonempty silhouettes
     #[error("{usable} of {given} silhouettes show a person; carving needs at least 2")]
     TooFewViews {
-        /// Silhouettes that are not empty
+        /// Number of nonempty silhouettes
         usable: usize,
-        /// Silhouettes given
+        /// Number of silhouettes given
         given: usize,
     },
-    /// All views look along nearly the same line
+    /// All views have nearly the same line of sight
     #[error(
         "the views differ by at most {spread_degrees:.0} degrees from one line of sight; carving needs \
          directions at least {needed_degrees:.0} degrees apart"
     )]
     OneDirection {
-        /// Largest angle between two lines of sight, opposite ones being the same
+        /// Largest angle between two lines of sight, treating opposite ones as equal
         spread_degrees: f64,
         /// Smallest angle that gives a bounded hull
         needed_degrees: f64,
@@ -82,7 +82,7 @@ pub enum CarveError {
         /// Index of the view
         view: usize,
     },
-    /// A camera cannot see
+    /// A camera has invalid parameters
     #[error(
         "the camera of silhouette {view} needs a field of view between 0 and 180 degrees, a positive distance \
          and finite height and pitch: {camera:?}"
@@ -109,20 +109,20 @@ pub enum CarveError {
         /// Rows of the camera
         camera_height: usize,
     },
-    /// No number of misses removes anything
+    /// The number of misses can never be reached
     #[error("misses_to_remove must be between 1 and the {usable} usable views, not {misses}")]
     Misses {
         /// The option
         misses: usize,
-        /// Silhouettes that are not empty
+        /// Number of nonempty silhouettes
         usable: usize,
     },
-    /// The grid cannot be laid out
-    #[error("the voxel size of {voxel_size_mm} mm does not fit")]
+    /// The grid cannot be created
+    #[error("no grid can be created with a voxel size of {voxel_size_mm} mm")]
     VoxelSize {
         /// The option
         voxel_size_mm: f64,
-        /// What the grid says
+        /// Error of the grid
         source: SurfaceError,
     },
     /// The silhouettes have no point in common
@@ -130,45 +130,47 @@ pub enum CarveError {
     Empty,
 }
 
-/// Lines of sight must differ by this angle
+/// Minimum angle between lines of sight
 ///
-/// Below, the hull stretches along the line of sight to five times the body's depth and more.
+/// Below, the hull extends along the line of sight to five times the body's depth and more.
 const MIN_SPREAD_DEGREES: f64 = 20.0;
 
-/// Part of the camera's distance within which the hull is looked for
+/// Share of the camera's distance within which the hull is searched
 ///
-/// Nobody turns on the spot nearer to the camera than a quarter of the way; beyond, the box would hold
-/// the camera itself, where every silhouette is a point.
+/// People turn on the spot at least a quarter of the distance away from the camera; a larger box would contain the
+/// camera itself, where every silhouette is a point.
 const MAX_RADIUS_PART: f64 = 0.75;
 
-/// Height up to which the hull is looked for, in mm; the tallest person ever measured had 2720
+/// Height up to which the hull is searched, in mm; the tallest person ever measured had 2720
 const MAX_HEIGHT_MM: f64 = 3000.0;
 
-/// Field evaluations that refine each vertex: one mends what linear interpolation misses at the hull's edges
+/// Field evaluations that refine each vertex: one corrects the error of linear interpolation at the hull's edges
 const SECANT_STEPS: usize = 1;
 
 /// Carves the visual hull: its largest piece, closed, manifold and outward oriented, cut off at the floor
 ///
-/// World frame, mm. Beyond the border of a photo nothing counts as person, except where the silhouette
-/// itself is cut off by the border: there, that view removes nothing. Points that no photo shows are not
-/// part of the hull. Empty silhouettes are left out.
+/// World frame, mm. Outside the borders of a photo no point counts as person, except where the silhouette itself is cut
+/// off by the border: there, that view removes nothing. Points outside all photos are not part of the hull. Empty
+/// silhouettes are skipped.
 ///
 /// # Errors
-/// When fewer than two silhouettes show anything, all from one direction, when an angle, a camera or an option
-/// makes no sense, or when nothing is left.
+/// When fewer than two silhouettes are nonempty, when all are seen from one direction, when an angle, a camera or an
+/// option is invalid, or when the hull is empty.
+///
+/// # Source
+/// The visual hull is due to Laurentini 1994, "The visual hull concept for silhouette-based image understanding".
 pub fn carve(views: &[CarveView], options: &CarveOptions) -> Result<TriMesh, CarveError> {
     let hull = HullField::new(views, options.misses_to_remove)?;
     extract(&hull, &hull, options)
 }
 
-/// Carves the visual hull and cuts off what the avatar's own hull from the same views shows to be phantoms
+/// Carves the visual hull and removes the phantoms identified by the avatar's own hull from the same views
 ///
-/// The avatar stands in the world frame in the pose of the silhouettes. Only points that lie clearly off the
-/// avatar, yet within what the views could make of it, are cut: a belly that no silhouette of the avatar
-/// covers stays.
+/// The avatar stands in the world frame in the pose of the silhouettes. Only points clearly outside the avatar, but
+/// within its hull from these views, are removed: a belly that no silhouette of the avatar covers is kept.
 ///
 /// # Errors
-/// As [`carve`].
+/// Same as [`carve`].
 pub fn carve_beside_avatar(
     views: &[CarveView],
     avatar: &Avatar,
@@ -184,7 +186,7 @@ pub fn carve_beside_avatar(
     extract(&hull, &field, options)
 }
 
-/// A hull less what the avatar's own hull shows to be phantoms
+/// A hull minus the phantoms identified by the avatar's own hull
 struct WithoutPhantoms<'a> {
     hull: &'a HullField<'a>,
     phantoms: &'a PhantomField<'a>,
@@ -192,7 +194,7 @@ struct WithoutPhantoms<'a> {
 
 impl WithoutPhantoms<'_> {
     fn cut(&self, point: DVec3, outside: f64, part: ViewSet) -> f64 {
-        // Outside the hull nothing is left to cut.
+        // Points outside the hull need no further test.
         if outside > 0.0 || outside.is_nan() {
             return outside;
         }
@@ -201,7 +203,7 @@ impl WithoutPhantoms<'_> {
 }
 
 impl Field for &WithoutPhantoms<'_> {
-    /// Of the hull and of the avatar's hull
+    /// Bound of the slope of the hull's and of the avatar's hull's field
     type Part = [ViewSet; 2];
 
     fn whole(&self) -> Self::Part {
@@ -219,7 +221,7 @@ impl Field for &WithoutPhantoms<'_> {
     }
 }
 
-/// The largest piece of the surface of a field whose slope and size are the hull's
+/// Extracts the largest piece of the surface of a field with the slope and size of the hull's
 fn extract(
     hull: &HullField,
     field: impl Field,
@@ -247,7 +249,7 @@ fn extract(
     Ok(mesh.largest_component())
 }
 
-/// Signed distance to the hull: never more than the true distance by much, zero on its surface
+/// Signed distance to the hull: exceeds the true distance at most slightly, zero on its surface
 struct HullField<'a> {
     views: Vec<ProjectedView<'a>>,
     misses_to_remove: usize,
@@ -255,7 +257,7 @@ struct HullField<'a> {
     any_cut: bool,
     /// Half the edge of the box to search, in mm
     radius_mm: f64,
-    /// Bound of the field's slope
+    /// Bound on the field's slope
     lipschitz: f64,
 }
 
@@ -299,7 +301,7 @@ impl<'a> HullField<'a> {
         })
     }
 
-    /// The value at a point, of those views only
+    /// Returns the value at a point, from the given views only
     fn value(&self, point: DVec3, views: ViewSet) -> f64 {
         let mut unseen = f64::INFINITY;
         let mut distance = |view: &ProjectedView| {
@@ -315,7 +317,7 @@ impl<'a> HullField<'a> {
             all.sort_unstable_by(|a, b| b.total_cmp(a));
             all[self.misses_to_remove - 1]
         };
-        // Fewer views are asked only where some photo shows the point for sure.
+        // Fewer views are evaluated only where some photo certainly shows the point.
         let hull = if self.any_cut && views == ViewSet::ALL {
             hull.max(unseen)
         } else {
@@ -325,9 +327,9 @@ impl<'a> HullField<'a> {
     }
 }
 
-/// Signed distance at a world point, in mm; negative inside the hull, NaN where a camera cannot tell
+/// Returns the signed distance at a world point, in mm; negative inside the hull, NaN where a camera cannot project it
 impl Field for &HullField<'_> {
-    /// The views that can be the one that removes the most
+    /// Returns the views that can determine the value
     type Part = ViewSet;
 
     fn whole(&self) -> ViewSet {
@@ -343,7 +345,7 @@ impl Field for &HullField<'_> {
             return HullField::value(self, point, part) < 0.0;
         }
         let may_be_unseen = self.any_cut && part == ViewSet::ALL;
-        // The first view that misses the point tells.
+        // The first view that misses the point decides.
         point.y > 0.0
             && part.of(&self.views).all(|view| view.distance(point) < 0.0)
             && (!may_be_unseen || HullField::value(self, point, part) < 0.0)
@@ -357,7 +359,7 @@ impl Field for &HullField<'_> {
             }
             return;
         }
-        // One map after the other: what is read lies close together.
+        // Map by map: nearby reads are close together in memory.
         for (value, point) in values.iter_mut().zip(points) {
             *value = -point.y;
         }
@@ -367,7 +369,7 @@ impl Field for &HullField<'_> {
     }
 
     fn near(&self, center: DVec3, radius: f64, of: ViewSet) -> (f64, ViewSet) {
-        /// Distances jump by as much where exact ones end, in px
+        /// Jump of distances where exact ones end, in px
         const JUMP_PX: f64 = 2.0;
         if self.misses_to_remove > 1 || self.views.len() > ViewSet::MOST {
             return (HullField::value(self, center, of), of);
@@ -392,7 +394,7 @@ impl Field for &HullField<'_> {
             largest
         };
         let value = nan_max(hull, -center.y);
-        // The slope is bounded well before the camera only; behind it nothing is told.
+        // The slope is bounded only well in front of the camera; behind it no bound holds.
         if nearest <= 2.0 * radius || value.is_nan() || (may_be_unseen && unseen >= least) {
             return (value, of);
         }
@@ -434,7 +436,7 @@ fn check_view(view: usize, given: &CarveView) -> Result<(), CarveError> {
     Ok(())
 }
 
-/// Largest angle between two lines of sight, where opposite directions are one line
+/// Computes the largest angle between two lines of sight, treating opposite directions as equal
 fn direction_spread(turns: impl Iterator<Item = TurnAngle>) -> f64 {
     let lines: Vec<f64> = turns.map(|turn| turn.radians().rem_euclid(PI)).collect();
     let mut spread: f64 = 0.0;
@@ -447,10 +449,10 @@ fn direction_spread(turns: impl Iterator<Item = TurnAngle>) -> f64 {
     spread
 }
 
-/// Bound of how fast a silhouette's distance in mm changes per mm
+/// Bounds the change of a silhouette's distance in mm per mm
 ///
-/// Across the line of sight by 1 / cos of the angle off the optical axis; along it, the distance grows with the
-/// depth, which adds 15 % within a quarter of the depth; larger blocks are never skipped.
+/// Across the line of sight by 1 / cos of the angle off the optical axis; along it, the distance grows with the depth,
+/// which adds 15 % within a quarter of the depth; larger blocks are never skipped.
 fn slope_bound(camera: &Camera) -> f64 {
     let half_diagonal = (camera.width_px as f64).hypot(camera.height_px as f64) / 2.0;
     1.15 * (half_diagonal / camera.focal_px()).hypot(1.0)

@@ -1,8 +1,8 @@
-//! Phantom parts of a visual hull: what a few silhouettes cannot tell from the body.
+//! Phantom parts of a visual hull: regions that a few silhouettes cannot distinguish from the body.
 //!
-//! Where lines of sight through an arm of one view and the chest of another cross, a hull of eight views grows
-//! flaps and spikes that belong to nobody. The avatar's own hull from the same views has them in the same
-//! places, and there the avatar tells which of its points are body.
+//! Where lines of sight through an arm in one view and the chest in another cross, a hull of eight views has flaps and
+//! spikes that are not part of the person. The avatar's own hull from the same views has them in the same places, and
+//! there the avatar shows which points belong to the body.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -12,28 +12,29 @@ use pirouette_body::Avatar;
 use pirouette_body::render::SilhouetteMesh;
 use pirouette_geom::outline_map::OutlineMap;
 
-/// Only what is farther than this from the avatar's surface can be a phantom, in mm
+/// Only points farther than this from the avatar's surface can be phantoms, in mm
 ///
-/// A hull of eight views is up to 10 mm larger than a round body everywhere. At 15 a person stouter than the avatar
-/// would lose flesh between the two surfaces.
+/// A hull of eight views is up to 10 mm larger than a round body everywhere. With 15 a person stouter than the avatar
+/// would lose volume between the two surfaces.
 const CLEARANCE_MM: f64 = 25.0;
 
-/// How far beyond the avatar's hull phantoms are looked for, in mm: the person's own flaps lie a little elsewhere
+/// Distance beyond the avatar's hull within which phantoms are searched, in mm: the person's own flaps are at slightly
+/// different positions
 const REACH_MM: f64 = 10.0;
 
 /// Edge of the buckets that hold the avatar's vertices, in mm
 const BUCKET_MM: f64 = 40.0;
 
-/// Buckets to search in each direction: no point inside a body is farther than this from its surface
+/// Number of buckets to search in each direction: no point inside a body is farther than this from its surface
 const SEARCH_RINGS: usize = 6;
 
-/// Where an avatar's hull is much larger than the avatar
+/// Regions where an avatar's hull is much larger than the avatar
 pub(super) struct PhantomField<'a> {
     pub(super) hull: HullField<'a>,
     surface: NearestVertex,
 }
 
-/// The avatar's outlines as the cameras of `views` see it, at their turns
+/// Renders the avatar's outlines for the cameras of `views`, at their turn angles
 pub(super) fn outlines(views: &[CarveView], avatar: &Avatar) -> Vec<OutlineMap> {
     let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
     let outline = |view: &CarveView| {
@@ -47,7 +48,7 @@ pub(super) fn outlines(views: &[CarveView], avatar: &Avatar) -> Vec<OutlineMap> 
 }
 
 impl<'a> PhantomField<'a> {
-    /// Of the avatar's `outlines`, seen as `views` are
+    /// Prepares the avatar's `outlines`, seen as in `views`
     pub(super) fn new(
         views: &[CarveView],
         outlines: &'a [OutlineMap],
@@ -68,7 +69,8 @@ impl<'a> PhantomField<'a> {
         })
     }
 
-    /// Positive, in mm, where a point of the person's hull is a phantom, by some views of the avatar's; never steeper than the hull's field
+    /// Returns a positive value, in mm, where a point of the person's hull is a phantom, by some of the avatar's views;
+    /// never steeper than the hull's field
     pub(super) fn value(&self, point: DVec3, part: ViewSet) -> f64 {
         let inside_hull = REACH_MM - self.hull.value(point, part);
         if inside_hull <= 0.0 || inside_hull.is_nan() {
@@ -78,7 +80,7 @@ impl<'a> PhantomField<'a> {
     }
 }
 
-/// Finds the avatar's nearest vertex through buckets of space
+/// Finds the avatar's nearest vertex with a spatial grid of buckets
 struct NearestVertex {
     low: DVec3,
     counts: [usize; 3],
@@ -127,7 +129,7 @@ impl NearestVertex {
         x + self.counts[0] * (y + self.counts[1] * z)
     }
 
-    /// Distance to the nearest vertex, negative behind its surface; far from all vertices, the end of the search
+    /// Returns the distance to the nearest vertex, negative behind its surface; far from all vertices, the search limit
     fn signed_distance(&self, point: DVec3) -> f64 {
         let mut nearest = (f64::INFINITY, 1.0);
         let center = self.bucket(point);
@@ -143,7 +145,7 @@ impl NearestVertex {
                     }
                 }
             }
-            // Whatever is nearer than the ring is wide has been seen.
+            // All vertices nearer than the width of the ring have been visited.
             if nearest.0 <= (ring as f64 * BUCKET_MM).powi(2) {
                 break;
             }
@@ -173,7 +175,7 @@ mod tests {
     use pirouette_body::render;
     use pirouette_synthetic::SyntheticOptions;
 
-    /// Outlines of a figure that stands still
+    /// Outlines of a body that stands still
     fn photographed(
         avatar: &Avatar,
     ) -> Vec<(
@@ -208,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn phantoms_go_and_the_body_stays_whatever_its_build() {
+    fn phantoms_are_removed_and_the_body_is_kept_for_any_build() {
         let options = CarveOptions {
             voxel_size_mm: 12.0,
             ..CarveOptions::default()

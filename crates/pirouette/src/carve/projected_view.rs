@@ -1,4 +1,4 @@
-//! Views as carving looks points up in them.
+//! Views prepared for lookups during carving.
 
 use glam::DVec3;
 
@@ -36,14 +36,14 @@ impl<'a> ProjectedView<'a> {
         }
     }
 
-    /// Depth of a world point along the optical axis, in mm
+    /// Returns the depth of a world point along the optical axis, in mm
     pub(super) fn depth(&self, point: DVec3) -> f64 {
         self.origin.z + DVec3::from_array(self.axes.map(|axis| axis.z)).dot(point)
     }
 
-    /// Where a world point is seen, in px, and how many mm a pixel is there
+    /// Returns the projection of a world point, in px, and the size of a pixel there, in mm
     ///
-    /// The last is NaN at and behind the camera, where nothing is seen.
+    /// The latter is NaN at and behind the camera, where projection is undefined.
     #[inline]
     fn project(&self, point: DVec3) -> (f64, f64, f64) {
         let [x, y, z] = self.axes;
@@ -60,19 +60,20 @@ impl<'a> ProjectedView<'a> {
         )
     }
 
-    /// Signed distance in mm from a projected point to the silhouette's outline; NaN at and behind the camera
+    /// Returns the signed distance in mm from a projected point to the silhouette's outline; NaN at and behind the
+    /// camera
     #[inline]
     fn to_outline(&self, (u, v, mm_per_px): (f64, f64, f64)) -> f64 {
         self.map.at(u, v) * mm_per_px
     }
 
-    /// The same from a world point
+    /// Returns the same for a world point
     #[inline]
     pub(super) fn distance(&self, point: DVec3) -> f64 {
         self.to_outline(self.project(point))
     }
 
-    /// The same, and the signed distance to the photo's border
+    /// Returns the same, and the signed distance to the photo's border
     #[inline]
     pub(super) fn distances(&self, point: DVec3) -> (f64, f64) {
         let (u, v, mm_per_px) = self.project(point);
@@ -84,9 +85,9 @@ impl<'a> ProjectedView<'a> {
         (to_outline, to_photo * mm_per_px)
     }
 
-    /// Raises the values at points to the distances to the silhouette's outline
+    /// Raises the values at points to their distances to the silhouette's outline
     ///
-    /// Points are projected many at once before the map is asked.
+    /// Points are projected in batches before the map is sampled.
     #[inline]
     pub(super) fn raise(&self, points: &[DVec3], values: &mut [f64]) {
         const RUN: usize = 32;
@@ -102,17 +103,17 @@ impl<'a> ProjectedView<'a> {
     }
 }
 
-/// Some of the views, by their places
+/// A subset of the views, by index
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ViewSet(u128);
 
 impl ViewSet {
-    /// More views than this are never told apart
+    /// Views beyond this number are not distinguished
     pub(super) const MOST: usize = u128::BITS as usize;
 
     pub(super) const ALL: Self = Self(u128::MAX);
 
-    /// Places in the set, in ascending order; those of views that do not exist come last
+    /// Returns the indices in the set, in ascending order; those of views that do not exist come last
     pub(super) fn indices(self) -> impl Iterator<Item = usize> {
         let mut left = self.0;
         std::iter::from_fn(move || {
@@ -122,9 +123,9 @@ impl ViewSet {
         })
     }
 
-    /// Those of the views that are in the set
+    /// Selects the views that are in the set
     ///
-    /// Sets of more than fit are never told apart: the views beyond belong to all of them.
+    /// Views beyond the capacity of the set are not distinguished: they belong to all sets.
     #[inline]
     pub(super) fn of<T>(self, views: &[T]) -> impl Iterator<Item = &T> {
         let some = self.indices().map_while(|index| views.get(index));
@@ -140,7 +141,7 @@ impl ViewSet {
     }
 }
 
-/// The larger number; NaN if one is, unlike `f64::max`
+/// Returns the larger number; NaN if one is, unlike `f64::max`
 pub(super) fn nan_max(a: f64, b: f64) -> f64 {
     if a >= b || a.is_nan() { a } else { b }
 }
@@ -150,7 +151,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sets_hold_the_views_that_exist() {
+    fn sets_contain_only_existing_views() {
         let views: Vec<usize> = (0..130).collect();
         let all = |count: usize| ViewSet::ALL.of(&views[..count]).copied();
         for count in [0, 1, 5, 127, 128, 130] {

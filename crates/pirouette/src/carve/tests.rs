@@ -16,7 +16,7 @@ impl Ellipsoid {
         4.0 / 3.0 * PI * self.radii.element_product()
     }
 
-    /// Outline in the photo: projection of the circle where lines of sight touch the surface
+    /// Outline in the photo: projection of the circle in which lines of sight touch the surface
     fn outline(&self, camera: &Camera, turn: TurnAngle) -> Vec<DVec2> {
         let room_from_world = turn.room_from_world();
         let eye = room_from_world.transpose() * camera.center() - self.center;
@@ -44,7 +44,7 @@ impl Ellipsoid {
     }
 }
 
-/// A trunk, a head that floats a little above it, and an arm
+/// A trunk, a head slightly above it, and an arm
 fn body() -> [Ellipsoid; 3] {
     let part = |center: [f64; 3], radii: [f64; 3]| Ellipsoid {
         center: DVec3::from_array(center),
@@ -199,7 +199,7 @@ fn one_more_view_never_grows_the_hull() {
 }
 
 #[test]
-fn forgiving_one_miss_keeps_what_a_bad_mask_would_remove() {
+fn tolerating_one_miss_keeps_the_parts_missing_in_a_bad_mask() {
     let turns = turns(7);
     let mut silhouettes = render(&body(), &camera(), &turns);
     let strict =
@@ -214,10 +214,10 @@ fn forgiving_one_miss_keeps_what_a_bad_mask_would_remove() {
         misses_to_remove: 2,
         ..coarse()
     };
-    let mended = carve(&bad, &forgiving).expect("a hull");
+    let corrected = carve(&bad, &forgiving).expect("a hull");
     assert!(cut.volume() < 0.7 * strict.volume());
-    assert!(mended.volume() > strict.volume());
-    assert_eq!(mended.check(), Ok(()));
+    assert!(corrected.volume() > strict.volume());
+    assert_eq!(corrected.check(), Ok(()));
 }
 
 #[test]
@@ -226,7 +226,7 @@ fn the_hull_stands_on_the_floor() {
     let silhouettes = render(&body(), &camera(), &turns);
     let hull = carve(&views(&outlines(&silhouettes), camera(), &turns), &coarse()).expect("a hull");
     let (lo, _) = hull.bounds().expect("there are vertices");
-    // The trunk reaches below the floor; its hull is cut off there.
+    // The trunk extends below the floor; its hull is cut off there.
     let sunk = Ellipsoid {
         center: DVec3::new(0.0, 400.0, 0.0),
         radii: DVec3::new(150.0, 600.0, 150.0),
@@ -265,7 +265,7 @@ fn a_border_that_cuts_the_silhouette_does_not_carve() {
 }
 
 #[test]
-fn what_no_photo_shows_is_not_part_of_the_hull() {
+fn points_outside_all_photos_are_not_part_of_the_hull() {
     let turns = turns(6);
     let silhouettes = render(&body(), &camera(), &turns);
     let low = Camera {
@@ -284,13 +284,13 @@ fn what_no_photo_shows_is_not_part_of_the_hull() {
 }
 
 #[test]
-fn senseless_input_is_named() {
+fn invalid_input_is_rejected_with_its_cause() {
     let turns = turns(4);
     let silhouettes = render(&body(), &camera(), &turns);
     let silhouettes = outlines(&silhouettes);
     let sound = views(&silhouettes, camera(), &turns);
     let error = |views: &[CarveView], options: &CarveOptions| {
-        carve(views, options).expect_err("the input makes no sense")
+        carve(views, options).expect_err("the input is invalid")
     };
 
     assert!(matches!(
@@ -362,7 +362,7 @@ fn senseless_input_is_named() {
 }
 
 #[test]
-fn tiny_photos_do_no_harm() {
+fn tiny_photos_are_accepted() {
     let full = outline(&Grid::filled(1, 1, 1.0));
     let tiny = Camera {
         width_px: 1,
@@ -407,7 +407,7 @@ proptest! {
     }
 
     #[test]
-    fn near_a_place_few_views_tell_what_all_tell(
+    fn near_a_point_a_subset_of_views_gives_the_same_values(
         center in prop::array::uniform3(-1.0..1.0f64),
         offsets in prop::collection::vec(prop::array::uniform3(-1.0..1.0f64), 20),
         radius in 1.0..150.0f64,

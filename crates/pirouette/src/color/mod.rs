@@ -1,11 +1,11 @@
-//! Vertex colors: what the photos that see a place best show there.
+//! Vertex colors: combines the photos that best show each part of the surface.
 //!
-//! Each view lends a vertex the mean color of the pixels around it, if nothing lies before it. Views that look at the
-//! surface head-on count most; near the silhouette's border, and where another part of the body begins, a view counts
-//! less and less, so that neither background nor the other part bleeds in, and no seam shows where views change. What no
-//! view sees is filled smoothly from what lies around.
+//! Each view provides for a vertex the mean color of the pixels around it, if the vertex is not occluded. Views that
+//! see the surface head-on have the most weight; near the silhouette's border, and near the border of another part of
+//! the body, the weight of a view falls off, so that neither background nor the other part bleeds in, and no seam
+//! appears where views change. Vertices that no view sees are filled smoothly from their neighborhood.
 //!
-//! The light of the room stays in the colors. Details finer than the mesh are lost.
+//! The lighting of the room is not removed from the colors. Details finer than the mesh are lost.
 
 use glam::{DVec2, DVec3};
 use pirouette_geom::{Grid, Mask, TriMesh};
@@ -19,40 +19,41 @@ use pirouette_body::{Avatar, render};
 use pirouette_body::{Camera, Projector};
 use pirouette_body::{Pose, pose_bones};
 
-/// A view to take colors from; photo and mask have the size that the camera says
+/// A view to take colors from; photo and mask have the size given by the camera
 #[derive(Debug, Clone, Copy)]
 pub struct ColorView<'a> {
     /// The photo
     pub photo: &'a Photo,
-    /// The person in it
+    /// Mask of the person in the photo
     pub mask: &'a Mask,
-    /// The camera that saw it
+    /// The camera of the view
     pub camera: Camera,
-    /// How far the person had turned
+    /// Turn angle of the person
     pub turn: TurnAngle,
-    /// How the person stood
+    /// Pose of the person
     pub pose: Pose,
 }
 
-/// How colors are gathered
+/// How colors are combined
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColorOptions {
-    /// A view counts by this power of the cosine between surface normal and view direction; more takes fewer views
+    /// Exponent of the cosine between surface normal and view direction in the weight of a view; larger values use
+    /// fewer views
     pub sharpness: f64,
-    /// How a view counts towards the border of the silhouette
+    /// Falloff of a view's weight towards the border of the silhouette
     pub outline: Fade,
-    /// How a view counts towards the border of another part of the body, before this one or behind it
+    /// Falloff of a view's weight towards the border of another part of the body, in front of or behind this one
     pub overlap: Fade,
-    /// Rounds in which filled places become smooth
+    /// Number of smoothing rounds for filled vertices
     pub fill_rounds: usize,
 }
 
-/// Distances from a border over which a view begins to count, in nominal px
+/// Distances from a border over which the weight of a view increases, in nominal px
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fade {
-    /// Nearer than this it does not count
+    /// The weight is zero below this
     pub none_px: f64,
-    /// From this on it counts fully
+    /// The weight is full above this
     pub full_px: f64,
 }
 
@@ -61,7 +62,7 @@ impl Fade {
         smooth_step((away_px - self.none_px) / (self.full_px - self.none_px).max(1e-9))
     }
 
-    /// The same in px of a photo; `limit_px` at most
+    /// Returns the same in px of a photo; `limit_px` at most
     fn scaled(&self, unit_px: f64, limit_px: f64) -> Self {
         Self {
             none_px: (self.none_px * unit_px).min(limit_px),
@@ -78,8 +79,8 @@ impl Default for ColorOptions {
                 none_px: 1.5,
                 full_px: 6.0,
             },
-            // No outline tells where an arm lies before the trunk, so it may lie farther off than at the outline. Too
-            // little, and hands take the color of the hip before which they hang, and leave theirs on it.
+            // No outline shows the position of an arm in front of the trunk, so its error may be larger than at the
+            // outline. If too small, hands take the color of the hip behind them, and leave theirs on it.
             overlap: Fade {
                 none_px: 5.0,
                 full_px: 14.0,
@@ -92,14 +93,14 @@ impl Default for ColorOptions {
 /// Colors of a surface
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SurfaceColors {
-    /// Color of each vertex as files have it (sRGB), same order as the mesh's positions
+    /// Color of each vertex as stored in files (sRGB), same order as the mesh's positions
     pub srgb: Vec<[u8; 3]>,
-    /// How many views see each vertex, not too flatly and not right at a border
+    /// Number of views that see each vertex, not at a grazing angle and not directly at a border
     pub view_counts: Vec<u16>,
 }
 
 impl SurfaceColors {
-    /// Colors in linear light, 0 to 1
+    /// Returns the colors in linear light, 0 to 1
     pub fn to_linear(&self) -> Vec<[f32; 3]> {
         let levels = linear_levels();
         let linear = |color: &[u8; 3]| color.map(|v| levels[v as usize]);
@@ -107,40 +108,40 @@ impl SurfaceColors {
     }
 }
 
-/// Surfaces seen flatter than this, as a cosine, lend no color
+/// Surfaces seen at a smaller cosine than this provide no color
 ///
-/// At 78 degrees one pixel spans five of the surface, and the surface lies a few pixels from its border.
+/// At 78 degrees one pixel spans five of the surface, and the surface lies within a few pixels of its border.
 const MIN_COSINE: f64 = 0.2;
 
-/// Depth by which two surfaces differ that are not one, in mm, at the same place and per mm beside it
+/// Depth difference of two separate surfaces, in mm, at the same position and per mm of lateral distance
 ///
-/// A surface that is seen under [`MIN_COSINE`] slopes by five; those of slope three hardly count any more.
+/// A surface seen at [`MIN_COSINE`] has a slope of five; at a slope of three it has almost no weight.
 const APART_MM: f64 = 15.0;
 const APART_SLOPE: f64 = 3.0;
 
 /// Radius of the disc whose mean color a vertex takes, relative to the distance of its neighbors
 ///
-/// Much smaller, and patterns finer than the mesh turn into specks; larger, and faces blur.
+/// Much smaller, patterns finer than the mesh turn into specks; larger, faces blur.
 const DISC_SHARE: f64 = 0.5;
 
-/// Discs are no larger than this, in px, however coarse the mesh
+/// Upper bound of the disc radius, in px, however coarse the mesh
 const MAX_DISC_PX: f64 = 12.0;
 
-/// Rounds in which the weight of a view fades towards places that it does not see
+/// Number of rounds in which the weight of a view fades towards vertices that it does not see
 const FADE_ROUNDS: usize = 3;
 
-/// A color as the views agree on it counts fully from this sum of weights on; below, neighbors count, too
+/// Sum of weights from which the consensus color of the views is used fully; below, neighbors contribute, too
 const SURE_WEIGHT: f64 = 0.1;
 
-/// Colors this far from the others' mean, in square roots of linear light, lose half their weight
+/// Distance of a color from the others' mean, in square roots of linear light, at which it loses half its weight
 const ODD_COLOR: f64 = 0.15;
 
-/// Colors the vertices of a fitted body from the photos, `None` when no view sees any
+/// Colors the vertices of a fitted body from the photos; `None` when no view sees any
 ///
-/// Views whose photo or mask has another size than the camera says, and parts of a pose that are not finite, see nothing.
+/// Views whose photo or mask differs from the camera in size, and non-finite parts of a pose, see no vertex.
 ///
 /// # Panics
-/// When a triangle names a vertex that does not exist.
+/// When a triangle refers to a vertex that does not exist.
 pub fn color_surface(
     avatar: &Avatar,
     views: &[ColorView],
@@ -155,14 +156,18 @@ pub fn color_surface(
         mesh,
         neighbors,
     };
-    let lent: Vec<Vec<Lent>> = views
+    let view_colors: Vec<Vec<ViewColor>> = views
         .par_iter()
-        .map(|view| look(&surface, view, options))
+        .map(|view| sample_view(&surface, view, options))
         .collect();
     let of_vertex = |v: usize| {
-        let of_views = || lent.iter().filter_map(|lent| lent.get(v));
-        let seen = of_views().filter(|lent| lent.seen);
-        (agree(of_views()), seen.count() as u16)
+        let of_views = || {
+            view_colors
+                .iter()
+                .filter_map(|view_colors| view_colors.get(v))
+        };
+        let seen = of_views().filter(|color| color.seen);
+        (consensus(of_views()), seen.count() as u16)
     };
     let vertices = (0..avatar.mesh.positions.len()).into_par_iter();
     let (agreed, view_counts): (Vec<_>, Vec<_>) = vertices.map(of_vertex).unzip();
@@ -177,15 +182,15 @@ pub fn color_surface(
     })
 }
 
-/// What a view shows at a vertex: a color in linear light, and how far it is to be trusted
+/// The observation of a vertex in one view: a color in linear light, and its weight
 #[derive(Debug, Clone, Copy, Default)]
-struct Lent {
+struct ViewColor {
     color: [f32; 3],
     weight: f32,
     seen: bool,
 }
 
-/// The body, with what all views need to know of it
+/// The body with the data that all views need
 struct Surface<'a> {
     avatar: &'a Avatar,
     mesh: SilhouetteMesh,
@@ -195,8 +200,8 @@ struct Surface<'a> {
     stature_mm: f64,
 }
 
-/// What one view shows at each vertex
-fn look(surface: &Surface, view: &ColorView, options: &ColorOptions) -> Vec<Lent> {
+/// Computes the color that one view provides for each vertex
+fn sample_view(surface: &Surface, view: &ColorView, options: &ColorOptions) -> Vec<ViewColor> {
     let avatar = surface.avatar;
     let camera = &view.camera;
     let size = (camera.width_px, camera.height_px);
@@ -227,37 +232,37 @@ fn look(surface: &Surface, view: &ColorView, options: &ColorOptions) -> Vec<Lent
         overlap,
         around: pixels_around(outline.full_px.max(overlap.full_px)),
     };
-    let mut lent: Vec<Lent> = mesh
+    let mut view_colors: Vec<ViewColor> = mesh
         .positions
         .iter()
         .zip(mesh.vertex_normals())
         .zip(&surface.spacings_mm)
         .map(|((&position, normal), &spacing_mm)| {
-            let found = scene.lend(position, normal, spacing_mm, options.sharpness);
+            let found = scene.vertex_color(position, normal, spacing_mm, options.sharpness);
             found.unwrap_or_default()
         })
         .collect();
     for _ in 0..FADE_ROUNDS {
-        let weights: Vec<f32> = lent.iter().map(|lent| lent.weight).collect();
-        for (v, lent) in lent.iter_mut().enumerate() {
+        let weights: Vec<f32> = view_colors.iter().map(|color| color.weight).collect();
+        for (v, color) in view_colors.iter_mut().enumerate() {
             let around = surface.neighbors.of(v);
             let sum: f32 = around.iter().map(|&n| weights[n as usize]).sum();
-            lent.weight = lent.weight.min(sum / around.len().max(1) as f32);
+            color.weight = color.weight.min(sum / around.len().max(1) as f32);
         }
     }
-    lent
+    view_colors
 }
 
-/// Pixels this near to the outline, in px, show some background whatever the size of the photo
+/// Pixels this close to the outline, in px, contain some background at any size of the photo
 const MIXED_PX: f64 = 1.5;
 
-/// Borders are searched no farther than this, in px, however large the photo
+/// Largest search distance for borders, in px, however large the photo
 const MAX_REACH_PX: f64 = 24.0;
 
-/// Borders farther off than this are searched on every other column and row, in px
+/// Borders beyond this distance are searched on every other column and row, in px
 const DENSE_PX: f64 = 4.0;
 
-/// Pixels around one within which borders are searched, with their distance in px, nearest first
+/// Pixels around a center within which borders are searched, with their distance in px, nearest first
 fn pixels_around(reach_px: f64) -> Vec<(isize, isize, f64)> {
     let reach = reach_px.ceil() as isize;
     let mut around: Vec<(isize, isize, f64)> = (-reach..=reach)
@@ -270,29 +275,29 @@ fn pixels_around(reach_px: f64) -> Vec<(isize, isize, f64)> {
     around
 }
 
-/// A photo and what of the body it shows
+/// A photo with the visible part of the body
 struct Scene<'a> {
     view: &'a ColorView<'a>,
     projector: Projector,
     focal_px: f64,
     depth_mm: &'a Grid<f32>,
-    /// Linear light of each level of the photo
+    /// Linear light of each gray level of the photo
     levels: &'a [f32; 256],
     outline: Fade,
     overlap: Fade,
-    /// Where borders are searched, nearest first
+    /// Offsets at which borders are searched, nearest first
     around: Vec<(isize, isize, f64)>,
 }
 
 impl Scene<'_> {
-    /// The color around a vertex, `None` where it is not seen
-    fn lend(
+    /// Returns the color around a vertex, `None` where it is not visible
+    fn vertex_color(
         &self,
         position: DVec3,
         normal: DVec3,
         spacing_mm: f64,
         sharpness: f64,
-    ) -> Option<Lent> {
+    ) -> Option<ViewColor> {
         let camera = &self.view.camera;
         let to_camera = (camera.center() - position).try_normalize()?;
         let cosine = normal.dot(to_camera);
@@ -311,16 +316,16 @@ impl Scene<'_> {
             return None;
         }
         let disc_px = (DISC_SHARE * spacing_mm * px_per_mm).clamp(0.5, MAX_DISC_PX);
-        Some(Lent {
+        Some(ViewColor {
             color: self.mean_color(at, disc_px.min(overlap_px).min(outline_px - MIXED_PX))?,
             weight: weight as f32,
             seen: true,
         })
     }
 
-    /// About how far the outline and the border of another part are, infinite where they are out of reach
+    /// Estimates the distances of the outline and of the border of another part, infinite where out of reach
     ///
-    /// A hidden vertex is at 0 px from the other part.
+    /// An occluded vertex is at 0 px from the other part.
     fn borders_px(&self, at: DVec2, depth_mm: f64, px_per_mm: f64) -> (f64, f64) {
         let (column, row) = (at.x.floor() as isize, at.y.floor() as isize);
         let (mut outline_px, mut overlap_px) = (f64::INFINITY, f64::INFINITY);
@@ -340,7 +345,7 @@ impl Scene<'_> {
         (outline_px, overlap_px)
     }
 
-    /// Mean color of a disc
+    /// Returns the mean color of a disc
     fn mean_color(&self, at: DVec2, radius_px: f64) -> Option<[f32; 3]> {
         let (column, row) = (at.x.floor() as isize, at.y.floor() as isize);
         let reach = radius_px.ceil() as isize;
@@ -348,7 +353,7 @@ impl Scene<'_> {
         for y in row - reach..=row + reach {
             for x in column - reach..=column + reach {
                 let away = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - at;
-                // the part of the pixel that the disc covers, about
+                // approximate part of the pixel that the disc covers
                 let weight = (radius_px + 0.5 - away.length()).clamp(0.0, 1.0) as f32;
                 let inside = self.view.mask.get(x, y) == Some(&true);
                 if let Some(pixel) = self.view.photo.get(x, y)
@@ -366,26 +371,26 @@ impl Scene<'_> {
     }
 }
 
-/// 0 below 0, 1 above 1, smooth between
+/// Smooth step: 0 below 0, 1 above 1
 fn smooth_step(t: f64) -> f64 {
     let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Linear light of each level that files have
+/// Returns the linear light of each level stored in files
 fn linear_levels() -> [f32; 256] {
     std::array::from_fn(|level| render::linear_from_srgb(level as f32 / 255.0))
 }
 
-/// The color that views agree on, and the sum of their weights; odd colors lose weight
-fn agree<'a>(lent: impl Iterator<Item = &'a Lent> + Clone) -> (DVec3, f64) {
-    let color = |lent: &Lent| DVec3::from_array(lent.color.map(f64::from));
+/// Computes the consensus color of views, and the sum of their weights; outlying colors lose weight
+fn consensus<'a>(view_colors: impl Iterator<Item = &'a ViewColor> + Clone) -> (DVec3, f64) {
+    let color = |view: &ViewColor| DVec3::from_array(view.color.map(f64::from));
     let root = |color: DVec3| DVec3::new(color.x.sqrt(), color.y.sqrt(), color.z.sqrt());
     let mean = |oddness: &dyn Fn(DVec3) -> f64| {
         let (mut sum, mut total) = (DVec3::ZERO, 0.0);
-        for lent in lent.clone() {
-            let weight = f64::from(lent.weight) / (1.0 + oddness(color(lent)));
-            sum += color(lent) * weight;
+        for view in view_colors.clone() {
+            let weight = f64::from(view.weight) / (1.0 + oddness(color(view)));
+            sum += color(view) * weight;
             total += weight;
         }
         if total > 0.0 {
@@ -399,16 +404,16 @@ fn agree<'a>(lent: impl Iterator<Item = &'a Lent> + Clone) -> (DVec3, f64) {
         let around = root(agreed);
         agreed = mean(&|color| ((root(color) - around).length() / ODD_COLOR).powi(2));
     }
-    let total = lent.map(|lent| f64::from(lent.weight)).sum();
+    let total = view_colors.map(|view| f64::from(view.weight)).sum();
     (agreed, total)
 }
 
-/// Rounds in which odd colors lose weight: enough for two views to outvote one that counts more
+/// Rounds of reweighting outlying colors: enough for two views to outvote one of higher weight
 const AGREE_ROUNDS: usize = 4;
 
-/// Completes colors of different weight: unseen places take what lies around, doubtful ones a part of it
+/// Completes colors of different weight: unseen vertices are filled from their neighborhood, uncertain ones partly
 ///
-/// `None` when no place has any weight.
+/// `None` when no vertex has any weight.
 fn fill(agreed: &[(DVec3, f64)], neighbors: &Neighbors, rounds: usize) -> Option<Vec<DVec3>> {
     let trust: Vec<f64> = agreed
         .iter()
@@ -425,7 +430,7 @@ fn fill(agreed: &[(DVec3, f64)], neighbors: &Neighbors, rounds: usize) -> Option
     for &v in &front {
         colors[v] = Some(agreed[v].0);
     }
-    // Ring by ring, so that smoothing starts near its end.
+    // Ring by ring, so that smoothing starts near its solution.
     while !front.is_empty() {
         let mut ring: Vec<usize> = front
             .iter()
@@ -495,7 +500,7 @@ impl Neighbors {
         &self.all[self.first[vertex] as usize..self.first[vertex + 1] as usize]
     }
 
-    /// Mean distance of each vertex from its neighbors, in mm
+    /// Computes the mean distance of each vertex from its neighbors, in mm
     fn spacings(&self, positions: &[DVec3]) -> Vec<f64> {
         let spacing = |(v, p): (usize, &DVec3)| {
             let around = self.of(v);

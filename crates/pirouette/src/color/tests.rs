@@ -7,7 +7,7 @@ const RED: [u8; 3] = [200, 40, 30];
 const BLUE: [u8; 3] = [30, 60, 190];
 const GREEN: [u8; 3] = [0, 255, 0];
 
-/// A person whose left half is red and whose right half is blue, before a green wall
+/// A person whose left half is red and whose right half is blue, in front of a green wall
 struct TwoColored {
     avatar: Avatar,
     views: Vec<(Photo, Mask, Camera, TurnAngle, Pose)>,
@@ -54,7 +54,7 @@ impl TwoColored {
 
     fn color(&self) -> SurfaceColors {
         let colors = color_surface(&self.avatar, &self.views(), &ColorOptions::default());
-        colors.expect("the person is seen")
+        colors.expect("the person is visible")
     }
 }
 
@@ -83,7 +83,7 @@ fn each_side_gets_its_own_color_and_none_of_the_wall() {
 }
 
 #[test]
-fn what_no_view_sees_is_filled_from_around() {
+fn unseen_vertices_are_filled_from_their_neighborhood() {
     let person = TwoColored::new(&[0.0]);
     let colors = person.color();
     let mut back = 0;
@@ -96,7 +96,7 @@ fn what_no_view_sees_is_filled_from_around() {
         }
     }
     assert!(back > 100);
-    // Far from the middle only one color is around.
+    // Far from the middle only one color occurs.
     let soles = person.avatar.mesh.positions.iter().zip(&colors.srgb);
     for (_, &color) in soles.filter(|(p, _)| p.y < 5.0) {
         assert!(like(color, RED) || like(color, BLUE), "{color:?}");
@@ -104,7 +104,7 @@ fn what_no_view_sees_is_filled_from_around() {
 }
 
 #[test]
-fn a_few_wrong_pixels_at_the_border_do_no_harm() {
+fn a_few_wrong_pixels_at_the_border_have_no_effect() {
     let mut person = TwoColored::new(&EIGHT);
     for (_, mask, ..) in &mut person.views {
         *mask = pirouette_geom::morphology::dilate(mask, 1.0);
@@ -128,7 +128,7 @@ fn a_photo_that_shows_something_else_is_outvoted() {
 }
 
 #[test]
-fn nothing_seen_gives_no_colors() {
+fn an_unseen_body_gets_no_colors() {
     let person = TwoColored::new(&[0.0]);
     let options = ColorOptions::default();
     assert_eq!(color_surface(&person.avatar, &[], &options), None);
@@ -172,7 +172,7 @@ fn nothing_seen_gives_no_colors() {
 }
 
 #[test]
-fn parts_that_touch_nothing_seen_get_the_mean_color() {
+fn parts_not_connected_to_seen_vertices_get_the_mean_color() {
     let mut person = TwoColored::new(&[0.0]);
     let mesh = &mut person.avatar.mesh;
     let first = mesh.positions.len() as u32;

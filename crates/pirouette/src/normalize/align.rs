@@ -1,7 +1,7 @@
-//! Where the joints of a silhouette should go: targets for the deformation.
+//! Computes targets for the joints of a silhouette, for its deformation.
 //!
-//! As published, each view is aligned on its own: its bones get the directions of the avatar's and keep their
-//! own lengths. The shared skeleton of all views does better: its targets agree in 3D.
+//! As published, each view is aligned independently: its bones get the directions of the avatar's and keep their own
+//! lengths. The shared skeleton of all views improves on this: its targets are consistent in 3D.
 
 use glam::{DVec2, DVec3};
 
@@ -13,10 +13,10 @@ use pirouette_body::{Joint, Keypoints};
 use pirouette_body::{Pose, pose_bones};
 
 /// Bones of the reference view shorter than this share of its trunk (neck to mid hip) are foreshortened: their
-/// direction means nothing
+/// direction is unreliable
 ///
-/// Shoulders and hips in profile, and arms of the T-pose there, are a few pixels long and point anywhere. 45 degrees
-/// from profile the shoulders are a quarter of the trunk again, feet seen from the front about a fifth.
+/// Shoulders and hips in profile, and arms of the T-pose there, are a few pixels long and have arbitrary directions. At
+/// 45 degrees from profile the shoulders are a quarter of the trunk again, feet seen from the front about a fifth.
 const MIN_REFERENCE_BONE: f64 = 0.08;
 
 /// The face, which moves as one group at the end of the neck
@@ -31,7 +31,7 @@ const HEAD: [Joint; 5] = [
 /// One limb: from the joint nearest to the trunk's middle outward
 struct LimbChain {
     joints: [Joint; 3],
-    /// Ankle or wrist carry these along
+    /// Joints that move with the ankle or wrist
     toes: [Joint; 2],
     heel: Joint,
 }
@@ -54,7 +54,7 @@ const ARMS: [[Joint; 3]; 2] = [
     [Joint::RightShoulder, Joint::RightElbow, Joint::RightWrist],
 ];
 
-/// The found and finite joints of a photo
+/// Returns the found and finite joints of a photo
 pub fn detected_joints(keypoints: &Keypoints) -> JointPositions {
     Joint::ALL.map(|joint| {
         let position = keypoints.found(joint)?.position;
@@ -62,13 +62,13 @@ pub fn detected_joints(keypoints: &Keypoints) -> JointPositions {
     })
 }
 
-/// Targets of one view by the directions of the reference view's bones
+/// Computes the targets of one view from the directions of the reference view's bones
 ///
 /// `detected` are the joints in the photo, `reference` those of the avatar in the reference view, both in px. The
-/// middle of the chest stays; from there outward along spine, head, shoulders, hips, arms and legs each bone takes
-/// the direction that it has in the reference view and keeps its length in the photo. Foreshortened bones
-/// of the reference view have no usable direction; theirs is kept from the photo, turned like the bone
-/// before. A chain ends at its first missing joint: targets beyond are `None`.
+/// middle of the chest is fixed; from there outward along spine, head, shoulders, hips, arms and legs each bone takes
+/// the direction that it has in the reference view and keeps its length in the photo. Foreshortened bones of the
+/// reference view have no usable direction; they keep the one in the photo, rotated like the preceding bone. A chain
+/// ends at its first missing joint: targets beyond are `None`.
 ///
 /// # Source
 /// Zwettler et al. 2021, eq. 1, read as `target_child = target_parent + |child - parent| *
@@ -88,7 +88,7 @@ pub fn align(detected: &JointPositions, reference: &[DVec2; Joint::COUNT]) -> Jo
         min_reference_px: MIN_REFERENCE_BONE * neck_in_reference.distance(hip_in_reference),
     };
     let mut targets = [None; Joint::COUNT];
-    // without one end of the trunk, the other stays in place of the chest
+    // without one end of the trunk, the other takes the place of the chest
     let (neck, mid_hip) = match (neck, mid_hip) {
         (Some(neck), Some(mid_hip)) => {
             let chest = Place::fixed(
@@ -123,13 +123,13 @@ pub fn align(detected: &JointPositions, reference: &[DVec2; Joint::COUNT]) -> Jo
     targets
 }
 
-/// A joint in the photo, in the reference view, and where it should go
+/// A joint in the photo, in the reference view, and its target
 #[derive(Debug, Clone, Copy)]
 struct Place {
     detected: DVec2,
     reference: DVec2,
     target: DVec2,
-    /// How the bone that ends here was turned: cosine and sine
+    /// Rotation of the bone that ends here: cosine and sine
     turn: DVec2,
 }
 
@@ -151,7 +151,7 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// The next place outward
+    /// Returns the next joint outward
     fn follow(&self, parent: &Place, detected: DVec2, reference: DVec2) -> Place {
         let bone = detected - parent.detected;
         let wanted = reference - parent.reference;
@@ -170,7 +170,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Walks along joints until one is missing; the last place if none was
+    /// Walks along joints until one is missing; returns the last joint found
     fn chain(&self, root: Place, joints: &[Joint], targets: &mut JointPositions) -> Option<Place> {
         let mut place = root;
         for &joint in joints {
@@ -181,9 +181,9 @@ impl Walk<'_> {
         Some(place)
     }
 
-    /// Turns joints together, such that their centroid gets the direction it has in the reference view
+    /// Rotates a group of joints so that their centroid gets the direction it has in the reference view
     ///
-    /// `followers` turn along without a say.
+    /// `followers` rotate with them without affecting the centroid.
     fn group(
         &self,
         parent: &Place,
@@ -212,7 +212,7 @@ impl Walk<'_> {
     }
 }
 
-/// The joints of one skeleton in two poses, as one camera sees them
+/// The joints of one skeleton in two poses, projected by one camera
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SkeletonJoints {
     /// In the pose of the photo, in px
@@ -223,7 +223,7 @@ pub struct SkeletonJoints {
 
 /// Projects the shared skeleton as posed in a view, and in the reference pose
 ///
-/// `avatar` has the person's bone lengths. All joints are known, hidden ones too.
+/// `avatar` has the person's bone lengths. All joints are known, including hidden ones.
 pub fn shared_skeleton_joints(
     avatar: &Avatar,
     pose: &Pose,
@@ -253,7 +253,7 @@ pub(in crate::normalize) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A figure of 400 px with arms slightly out, as in a reference view
+    /// A stick figure of 400 px with arms slightly out, as in a reference view
     pub(in crate::normalize) fn standing() -> [DVec2; Joint::COUNT] {
         let right = |joint: Joint| match joint {
             Joint::Nose => (0.0, 60.0),
@@ -299,7 +299,7 @@ pub(in crate::normalize) mod tests {
     }
 
     #[test]
-    fn a_view_that_stands_like_the_reference_stays() {
+    fn a_view_in_the_pose_of_the_reference_is_unchanged() {
         let shifted = standing().map(|p| p * 1.1 + DVec2::new(30.0, -12.0));
         let aligned = align(&all(shifted), &standing());
         assert!(farthest(&aligned, &all(shifted)) < 1e-9);
@@ -353,7 +353,7 @@ pub(in crate::normalize) mod tests {
         ] {
             assert_eq!(aligned[missing as usize], None, "{missing:?}");
         }
-        // the neck is made up from the shoulders
+        // the neck is interpolated between the shoulders
         assert!(aligned[Joint::RightWrist as usize].is_some());
         assert!(aligned[Joint::Nose as usize].is_some());
         let nothing = align(&[None; Joint::COUNT], &standing());

@@ -1,8 +1,11 @@
-//! Deformation of a silhouette: its joints go to targets, everything around them follows as rigidly as possible.
+//! Deformation of a silhouette: its joints move to targets, the remainder follows as rigidly as possible.
 //!
-//! The contour is simplified and meshed, but what is carried along and filled at the end is the full contour: a
-//! silhouette whose joints stay comes back unchanged, to a small fraction of a pixel. Of several separate
-//! parts only the largest is kept, with its holes.
+//! The contour is simplified and meshed, but the full contour is transferred and filled at the end: a silhouette whose
+//! joints do not move is reproduced to a small fraction of a pixel. Of several separate parts only the largest is kept,
+//! with its holes.
+//!
+//! # Source
+//! Handles and targets: Zwettler et al. 2021. The as-rigid-as-possible deformation itself is `pirouette_geom::arap`.
 
 use glam::DVec2;
 use pirouette_geom::arap::{ArapError, ArapOptions, ArapSolver, Deformation};
@@ -16,31 +19,31 @@ use pirouette_geom::{Grid, Mask, Windowed};
 use super::JointPositions;
 use pirouette_body::{Bone, Joint};
 
-/// Handles along each bone: both joints and what lies between them, evenly
+/// Number of handles along each bone: both joints and evenly spaced points between them
 ///
-/// Zwettler et al. 2021 put 5 interim points on each limb; 2 or 9 deform alike.
+/// Zwettler et al. 2021 put 5 interim points on each limb; 2 or 9 give equal results.
 const HANDLES_PER_BONE: usize = 7;
 
-/// Handles keep this distance from the contour, in px
+/// Minimum distance of handles from the contour, in px
 ///
-/// On the contour itself, a handle a pixel off the true joint would dent the outline.
+/// On the contour itself, a handle a pixel away from the true joint would dent the outline.
 const HANDLE_CLEARANCE_PX: f64 = 1.5;
 
-/// Normals of the contour are taken over this many of its points to either side
+/// Normals of the contour are computed over this many of its points to either side
 const NORMAL_REACH: usize = 4;
 
 /// A line of handles from joint to joint
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HandleBone {
-    /// Where it starts
+    /// Joint at its start
     pub from: Joint,
-    /// Where it ends
+    /// Joint at its end
     pub to: Joint,
-    /// The bone that must be visible for it to count, where only visible ones do
+    /// The bone that must be visible for the line to be used, where only visible ones are
     pub seen_as: Bone,
 }
 
-/// Handles of their own: they turn the head, of which the line to the nose sees only the length in profile
+/// Separate handles of the face: they turn the head, of which the line to the nose captures only the length in profile
 const FACE: [Joint; 4] = [
     Joint::LeftEye,
     Joint::RightEye,
@@ -74,26 +77,26 @@ pub const HANDLE_BONES: [HandleBone; 16] = {
     ]
 };
 
-/// Where the contour of a silhouette comes from
+/// Source of a silhouette's contour
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ContourSource {
-    /// The half level of the soft silhouette: between the pixels, without bias
+    /// The half level of the soft silhouette: sub-pixel accurate, without bias
     #[default]
     Outline,
-    /// The border pixels of the mask, as published, moved out by half a pixel to where their squares end
+    /// The border pixels of the mask, as published, moved outward by half a pixel to the edges of their squares
     BorderPixels,
 }
 
-/// How finely a silhouette is meshed and deformed
+/// Resolution of meshing and deformation
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeformOptions {
-    /// Which contour is meshed
+    /// Source of the meshed contour
     pub contour: ContourSource,
     /// Tolerance of the contour's simplification before meshing, in px
     ///
-    /// Smaller takes more triangles; the filled outline is the full contour in any case.
+    /// Smaller values produce more triangles; the filled outline is the full contour in any case.
     pub tolerance_px: f64,
-    /// Triangles of at most about this area, in square px
+    /// Approximate upper bound on triangle areas, in square px
     pub max_triangle_area: f64,
     /// Rounds and tolerance of the deformation
     pub arap: ArapOptions,
@@ -114,23 +117,23 @@ impl Default for DeformOptions {
 /// Why a silhouette cannot be deformed
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum DeformError {
-    /// Nothing of the silhouette is inside
+    /// The silhouette has no pixels inside
     #[error("the silhouette is empty")]
     Empty,
     /// The contour could not be meshed
     #[error("the contour of the silhouette cannot be meshed")]
     Mesh(#[source] TriangulateError),
-    /// The mesh could not be prepared
+    /// The deformation of the mesh could not be prepared
     #[error("the mesh of the silhouette cannot be deformed")]
     Arap(#[source] ArapError),
 }
 
-/// Handles of a silhouette: where they are and where they should go, in px
+/// Handles of a silhouette: their positions and targets, in px
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Handles {
-    /// In the silhouette
+    /// Positions in the silhouette
     pub sources: Vec<DVec2>,
-    /// One per source
+    /// Targets, one per source
     pub targets: Vec<DVec2>,
 }
 
@@ -140,15 +143,15 @@ const HANDS: [(Joint, Joint, Bone); 2] = [
     (Joint::LeftElbow, Joint::LeftWrist, Bone::LeftForearm),
 ];
 
-/// The handle of a hand lies so far beyond the wrist, in lengths of the forearm, the longer one of before and after
+/// Distance of a hand's handle beyond the wrist, in lengths of the forearm, the longer one of before and after
 ///
-/// Without it, hands turn by a few degrees of their own where a forearm changes its length. Much farther, and it lies
-/// beside a bent hand, where it does not count.
+/// Without it, hands rotate by a few degrees independently where a forearm changes its length. Much farther, it lies
+/// outside a bent hand, where it is not used.
 const HAND_HANDLE: f64 = 0.3;
 
-/// Spreads handles along all bones whose joints are known before and after, into the hands, and over the face
+/// Distributes handles along all bones whose joints are known before and after, into the hands, and over the face
 ///
-/// `used` tells which bones count. Where a hand points is not known; it turns with the forearm.
+/// `used` selects the bones. The direction of a hand is unknown; it rotates with the forearm.
 pub fn handles(from: &JointPositions, to: &JointPositions, used: impl Fn(Bone) -> bool) -> Handles {
     let mut handles = Handles::default();
     for bone in HANDLE_BONES.into_iter().filter(|line| used(line.seen_as)) {
@@ -223,7 +226,7 @@ pub fn trace_silhouette(mask: &Mask, soft: &Windowed<f32>, source: ContourSource
     }
 }
 
-/// The outer loop of the largest area and the holes directly in it
+/// Returns the outer loop of the largest area and the holes directly in it
 fn largest_with_holes(mut loops: Vec<Contour>) -> Vec<Contour> {
     loops.sort_by(|a, b| b.signed_area().total_cmp(&a.signed_area()));
     let (outer, holes): (Vec<Contour>, Vec<Contour>) = loops.into_iter().partition(|c| !c.hole);
@@ -233,7 +236,7 @@ fn largest_with_holes(mut loops: Vec<Contour>) -> Vec<Contour> {
     };
     let contains =
         |loop_: &Contour, other: &Contour| other.points.first().is_some_and(|&p| loop_.contains(p));
-    // parts that lie in holes of the largest have holes of their own
+    // parts within holes of the largest have their own holes
     let islands: Vec<Contour> = outer.filter(|part| contains(&largest, part)).collect();
     let mut kept: Vec<Contour> = holes
         .into_iter()
@@ -249,7 +252,7 @@ fn largest_with_holes(mut loops: Vec<Contour>) -> Vec<Contour> {
 pub struct DeformableSilhouette {
     mesh: PlanarMesh,
     solver: ArapSolver,
-    /// For each given handle its place among the constrained vertices; `None` for those outside the silhouette
+    /// For each given handle its index among the constrained vertices; `None` for those outside the silhouette
     places: Vec<Option<u32>>,
     constrained: Vec<u32>,
     sources: Vec<DVec2>,
@@ -257,24 +260,24 @@ pub struct DeformableSilhouette {
     arap: ArapOptions,
 }
 
-/// A full contour, carried by the mesh
+/// A full contour attached to the mesh
 #[derive(Debug)]
 struct AttachedContour {
     hole: bool,
     points: Vec<Attachment>,
 }
 
-/// How a contour point hangs on the mesh
+/// Attachment of a contour point to the mesh
 #[derive(Debug, Clone, Copy)]
 enum Attachment {
-    /// On the segment between two vertices: share of the way, and offset across in px
+    /// To the segment between two vertices: share of the way, and perpendicular offset in px
     Segment {
         from: u32,
         to: u32,
         along: f64,
         across: f64,
     },
-    /// On one vertex, at this offset in the rest mesh
+    /// To one vertex, at this offset in the rest mesh
     Vertex { vertex: u32, offset: DVec2 },
 }
 
@@ -283,18 +286,18 @@ enum Attachment {
 pub struct DeformedSilhouette {
     /// The full contours, in px; loops may overlap themselves where limbs cross
     pub contours: Vec<Contour>,
-    /// What the deformation of the mesh came to
+    /// Outcome of the deformation of the mesh
     pub deformation: Deformation,
 }
 
 impl DeformableSilhouette {
     /// Meshes the contours of a silhouette with the handles inside and prepares the deformation
     ///
-    /// Handles outside, on the contour, or within 1.5 px of it do not count. Handles that (nearly) coincide share a
-    /// vertex, which moves by the mean of what they ask for.
+    /// Handles outside, on the contour, or within 1.5 px of it are ignored. Handles that (nearly) coincide share a
+    /// vertex, which moves by the mean of their displacements.
     ///
     /// # Errors
-    /// When the contours enclose nothing.
+    /// When the contours enclose no area.
     pub fn new(
         contours: &[Contour],
         sources: &[DVec2],
@@ -312,13 +315,13 @@ impl DeformableSilhouette {
         meshed.prepare(constrained, places, sources.to_vec(), options)
     }
 
-    /// Meshes the contours of a silhouette and takes points of the contours themselves as handles
+    /// Meshes the contours of a silhouette and uses points of the contours themselves as handles
     ///
-    /// `target` tells where a point with a normal that leads out of the silhouette should go, both in px; points for
-    /// which it does not know follow the others. Also returns the targets, for [`DeformableSilhouette::deform`].
+    /// `target` returns the target of a point with an outward normal, both in px; points for which it returns none
+    /// follow the others. Also returns the targets, for [`DeformableSilhouette::deform`].
     ///
     /// # Errors
-    /// When the contours enclose nothing.
+    /// When the contours enclose no area.
     pub fn by_outline(
         contours: &[Contour],
         target: impl Fn(DVec2, DVec2) -> Option<DVec2>,
@@ -326,15 +329,17 @@ impl DeformableSilhouette {
     ) -> Result<(Self, Vec<DVec2>), DeformError> {
         let meshed = Meshed::new(contours, &[], options)?;
         let mut handles: Vec<(u32, DVec2, DVec2)> = Vec::new();
-        for ((contour, stays), vertices) in
-            contours.iter().zip(&meshed.stays).zip(&meshed.on_contour)
+        for ((contour, kept_indices), vertices) in contours
+            .iter()
+            .zip(&meshed.kept_indices)
+            .zip(&meshed.on_contour)
         {
             let count = contour.points.len();
-            for (&at, vertex) in stays.iter().zip(vertices) {
+            for (&at, vertex) in kept_indices.iter().zip(vertices) {
                 let reach = NORMAL_REACH.min(count / 2);
                 let along = contour.points[(at + reach) % count]
                     - contour.points[(at + count - reach) % count];
-                // Clockwise on screen around the silhouette, so that out is a quarter turn to the left.
+                // Clockwise on screen around the silhouette, so that outward is a quarter turn to the left.
                 let out = DVec2::new(along.y, -along.x).try_normalize();
                 if let (Some(vertex), Some(out)) = (*vertex, out)
                     && let Some(target) = target(contour.points[at], out)
@@ -356,20 +361,20 @@ impl DeformableSilhouette {
         ))
     }
 
-    /// The rest mesh
+    /// Returns the rest mesh
     pub fn mesh(&self) -> &PlanarMesh {
         &self.mesh
     }
 
-    /// Number of handles inside the silhouette
+    /// Returns the number of handles inside the silhouette
     pub fn handle_count(&self) -> usize {
         self.places.iter().flatten().count()
     }
 
-    /// Moves the handles to `targets`, one per given source in px; without handles inside, nothing moves
+    /// Moves the handles to `targets`, one per given source in px; without handles inside, the silhouette is unchanged
     ///
     /// # Panics
-    /// When there is not one target per source.
+    /// When the number of targets differs from the number of sources.
     pub fn deform(&self, targets: &[DVec2]) -> DeformedSilhouette {
         assert_eq!(targets.len(), self.sources.len(), "one target per source");
         let mut shifts = vec![(DVec2::ZERO, 0.0); self.constrained.len()];
@@ -409,8 +414,8 @@ impl DeformableSilhouette {
 /// Contours with their mesh
 struct Meshed<'a> {
     contours: &'a [Contour],
-    /// Places of the points of each contour that the simplified contour keeps
-    stays: Vec<Vec<usize>>,
+    /// Indices of the points of each contour that the simplified contour keeps
+    kept_indices: Vec<Vec<usize>>,
     mesh: PlanarMesh,
     interior: Vec<Option<u32>>,
     on_contour: Vec<Vec<Option<u32>>>,
@@ -430,19 +435,19 @@ impl<'a> Meshed<'a> {
             clearance: HANDLE_CLEARANCE_PX,
         };
         let longest_px = meshing.spacing_px().unwrap_or(f64::INFINITY);
-        let stays = simplify_apart(contours, options.tolerance_px, longest_px);
+        let kept_indices = simplify_apart(contours, options.tolerance_px, longest_px);
         let simplified: Vec<Contour> = contours
             .iter()
-            .zip(&stays)
-            .map(|(contour, stays)| Contour {
-                points: stays.iter().map(|&i| contour.points[i]).collect(),
+            .zip(&kept_indices)
+            .map(|(contour, kept_indices)| Contour {
+                points: kept_indices.iter().map(|&i| contour.points[i]).collect(),
                 hole: contour.hole,
             })
             .collect();
         let made = triangulate(&simplified, interior, &meshing).map_err(DeformError::Mesh)?;
         Ok(Self {
             contours,
-            stays,
+            kept_indices,
             mesh: made.mesh,
             interior: made.interior_vertices,
             on_contour: made.contour_vertices,
@@ -460,9 +465,11 @@ impl<'a> Meshed<'a> {
         let contours = self
             .contours
             .iter()
-            .zip(&self.stays)
+            .zip(&self.kept_indices)
             .zip(&self.on_contour)
-            .map(|((contour, stays), vertices)| attach(contour, stays, vertices, &self.mesh))
+            .map(|((contour, kept_indices), vertices)| {
+                attach(contour, kept_indices, vertices, &self.mesh)
+            })
             .collect();
         Ok(DeformableSilhouette {
             mesh: self.mesh,
@@ -497,24 +504,24 @@ impl Attachment {
     }
 }
 
-/// Attaches each point of a contour to the segment of the simplified contour that stands for it
+/// Attaches each point of a contour to the corresponding segment of the simplified contour
 fn attach(
     contour: &Contour,
-    stays: &[usize],
+    kept_indices: &[usize],
     vertices: &[Option<u32>],
     mesh: &PlanarMesh,
 ) -> AttachedContour {
     let count = contour.points.len();
     let mut points = Vec::with_capacity(count);
-    for k in 0..stays.len() {
-        let next = (k + 1) % stays.len();
-        // a contour that is one point long goes around once
-        let steps = match (stays[next] + count - stays[k]) % count {
+    for k in 0..kept_indices.len() {
+        let next = (k + 1) % kept_indices.len();
+        // a contour with a single kept point wraps around once
+        let steps = match (kept_indices[next] + count - kept_indices[k]) % count {
             0 => count,
             steps => steps,
         };
         for step in 0..steps {
-            let p = contour.points[(stays[k] + step) % count];
+            let p = contour.points[(kept_indices[k] + step) % count];
             points.push(attach_point(p, vertices[k], vertices[next], mesh));
         }
     }
@@ -537,7 +544,7 @@ fn attach_point(p: DVec2, from: Option<u32>, to: Option<u32>, mesh: &PlanarMesh)
             };
         }
     }
-    // on bridges, which have no triangles: the nearest vertex stands in
+    // on bridges, which have no triangles: use the nearest vertex
     let nearest = (0..mesh.positions.len() as u32).min_by(|&a, &b| {
         let distance = |v: u32| at(v).distance_squared(p);
         distance(a).total_cmp(&distance(b))
@@ -551,7 +558,7 @@ fn attach_point(p: DVec2, from: Option<u32>, to: Option<u32>, mesh: &PlanarMesh)
 
 /// Fills contours: the coverage of each pixel, from 0 to 1
 ///
-/// Where loops overlap, as limbs over the trunk, inside stays inside.
+/// Where loops overlap, as limbs over the trunk, the overlap counts as inside.
 pub fn fill_contours(width: usize, height: usize, contours: &[Contour]) -> Grid<f32> {
     let edges: Vec<[DVec2; 2]> = contours.iter().flat_map(Contour::edges).collect();
     fill_edges(width, height, &edges)

@@ -1,26 +1,26 @@
-//! Descent of a sum of distances in a few parameters, by Gauss-Newton steps.
+//! Minimization of a sum of distances in a few parameters, by Gauss-Newton steps.
 //!
-//! What is minimized are distances, not their squares: what lies far off, as an arm held otherwise or a belly that the
-//! reference has not, pulls no harder than what lies a little off. Each distance counts as squared below a softness,
-//! which lets the steps converge; the softness shrinks as they do.
+//! The objective consists of distances, not of their squares: outliers, such as an arm held differently or a belly that
+//! the reference lacks, have no more influence than small residuals. Each distance is squared below a softness, which
+//! lets the steps converge; the softness decreases during the descent.
 
-/// At which softness distances count, in px, and for how many rounds at most
+/// Softness of the distances, in px, and the largest number of rounds with it
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Softness {
     pub(super) px: f64,
     pub(super) rounds: usize,
 }
 
-/// A step that gains nothing is halved this often before the descent gives up on it
+/// Number of times a step without gain is halved before the descent rejects it
 const HALVINGS: usize = 3;
 
 /// A round that gains less than this share ends the descent at this softness
 const LEAST_GAIN: f64 = 1e-5;
 
-/// What all distances together ask for at one place: their sum, and the normal equations of the next step
+/// Residual sum and normal equations
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pull<const N: usize> {
-    /// Distances below this count as squared, in px
+    /// Distances below this are squared, in px
     softness_px: f64,
     total: f64,
     normal: [[f64; N]; N],
@@ -37,7 +37,7 @@ impl<const N: usize> Pull<N> {
         }
     }
 
-    /// Adds a (signed) distance, in px, with its derivative by each parameter
+    /// Adds a (signed) distance, in px, with its derivative with respect to each parameter
     pub(super) fn add(&mut self, distance_px: f64, slope: [f64; N]) {
         let (size, soft) = (distance_px.abs(), self.softness_px);
         let weight = if size < soft {
@@ -56,9 +56,9 @@ impl<const N: usize> Pull<N> {
         }
     }
 
-    /// The step that the normal equations ask for; `None` when they leave it open
+    /// Solves the normal equations for the step; `None` when they are singular
     fn step(&self) -> Option<[f64; N]> {
-        // Cholesky; so few unknowns need no library
+        // Cholesky; for so few unknowns no library is needed
         let mut lower = [[0.0; N]; N];
         for i in 0..N {
             for k in 0..=i {
@@ -87,7 +87,7 @@ impl<const N: usize> Pull<N> {
     }
 }
 
-/// Walks down from `start`; `pull` adds all distances at some parameters to what it is given
+/// Minimizes from `start`; `pull` adds all distances at the given parameters to the sum
 ///
 /// Returns the last parameters with their total at the last softness.
 pub(super) fn descend<const N: usize>(
@@ -138,8 +138,8 @@ mod tests {
     }
 
     #[test]
-    fn a_line_through_points_ignores_the_one_far_off() {
-        // y = 2 + 3 x, but for one point
+    fn a_line_through_points_ignores_an_outlier() {
+        // y = 2 + 3 x, except for one point
         let points: Vec<(f64, f64)> = (0..9)
             .map(|i| f64::from(i) / 4.0)
             .map(|x| (x, if x == 1.0 { 90.0 } else { 2.0 + 3.0 * x }))
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_open_or_poisoned_stays() {
+    fn singular_or_non_finite_parameters_are_unchanged() {
         let (found, _) = descend([1.0, 2.0], &[1.0].map(soft), |_, pull| {
             pull.add(5.0, [1.0, 1.0])
         });

@@ -1,15 +1,15 @@
 //! Stage 2: from silhouettes to pose-normalized silhouettes.
 //!
-//! Each silhouette is deformed from the pose in its photo to the reference pose: [`align`] says where the joints
-//! should go, [`deform`] takes the silhouette along, [`register`] moves the result rigidly onto the reference
-//! silhouette and [`refine`] bends arms and legs onto it, after which the silhouette is deformed once
-//! more with the corrected joints as targets.
+//! Each silhouette is deformed from the pose in its photo to the reference pose: [`align`] computes targets for the
+//! joints, [`deform`] moves the silhouette with them, [`register`] moves the result rigidly onto the reference
+//! silhouette and [`refine`] bends arms and legs onto it, after which the silhouette is deformed once more with the
+//! corrected joints as targets.
 //!
-//! The result has the size of the photo and lies in the frame of the reference view: as the camera would see the
-//! person standing in the reference pose on the turning axis, turned like the view.
+//! The result has the size of the photo and lies in the frame of the reference view: as the camera would see the person
+//! standing in the reference pose on the turning axis, turned like the view.
 //!
-//! A silhouette knows nothing of depth: an arm before the trunk moves with the trunk's surface around it, and what
-//! it hid stays hidden.
+//! A silhouette contains no depth: an arm in front of the trunk moves with the trunk's surface around it, and parts
+//! that it hid remain hidden.
 
 pub mod align;
 pub mod deform;
@@ -39,35 +39,35 @@ pub use register::{RegisterOptions, Registration};
 use deform::{DeformableSilhouette, Handles, fill_contours, handles, trace_silhouette};
 use register::ReferenceContourMap;
 
-/// Distance of the contour points that registration and refinement compare, in px
+/// Distance between the contour points that registration and refinement compare, in px
 ///
-/// Every point of a traced contour would say the same twice.
+/// Every point of a traced contour would be redundant.
 const CONTOUR_SPACING_PX: f64 = 2.0;
 
-/// Where targets come from
+/// Source of the targets
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum NormalizeMethod {
-    /// The body fitted to all views: the outline follows the body's rim into the reference pose
+    /// The body fitted to all views: the outline follows the body's occluding contour into the reference pose
     FittedBody,
-    /// One skeleton for all views: from its pose in the photo to the reference pose; hidden bones count, too
+    /// One skeleton for all views: from its pose in the photo to the reference pose; includes hidden bones
     #[default]
     SharedSkeleton,
-    /// Each view on its own, as published: directions of the avatar's bones, own lengths, visible bones only
+    /// Each view independently, as published: directions of the avatar's bones, own lengths, visible bones only
     ThreeStep,
 }
 
-/// What is normalized
+/// Input of the normalization
 #[derive(Debug, Clone, Copy)]
 pub struct NormalizeView<'a> {
     /// Silhouette in the photo
     pub mask: &'a Mask,
-    /// The same with soft borders, 0 to 1; the half level is its outline
+    /// The same with soft borders, 0 to 1; the half level is the outline
     pub soft: &'a Windowed<f32>,
     /// Joints as detected, in px of the photo
     pub keypoints: &'a Keypoints,
     /// The shared skeleton in this view; needed by [`NormalizeMethod::SharedSkeleton`] only
     pub skeleton: Option<&'a SkeletonJoints>,
-    /// The rim of the fitted body; needed by [`NormalizeMethod::FittedBody`] only
+    /// The occluding contour of the fitted body; needed by [`NormalizeMethod::FittedBody`] only
     pub outline: Option<&'a OutlineTargets>,
     /// The avatar in the reference pose, turned like this view
     pub reference: &'a ReferenceView,
@@ -80,17 +80,17 @@ pub struct ReferenceView {
     pub coverage: Grid<f32>,
     /// Joints, in px
     pub joints: [DVec2; Joint::COUNT],
-    /// Whether enough of each bone's surface is seen; needed by [`NormalizeMethod::ThreeStep`] only
+    /// Whether enough of each bone's surface is visible; needed by [`NormalizeMethod::ThreeStep`] only
     pub visible: Option<[bool; Bone::COUNT]>,
 }
 
-/// Rows of the picture that tells which bones are visible: shares of their surfaces need no more
+/// Rows of the rendering that determines visible bones: shares of their surfaces need no more
 const VISIBILITY_HEIGHT_PX: f64 = 400.0;
 
 impl ReferenceView {
-    /// Renders the avatar on the turning axis, with what a method needs
+    /// Renders the avatar on the turning axis, with the data that a method needs
     ///
-    /// `mesh` is made of the avatar's triangles.
+    /// `mesh` is built from the avatar's triangles.
     pub fn render(
         avatar: &Avatar,
         mesh: &SilhouetteMesh,
@@ -112,22 +112,22 @@ impl ReferenceView {
     }
 }
 
-/// Which steps to take, and how
+/// Steps of the normalization and their options
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NormalizeOptions {
-    /// Where targets come from
+    /// Source of the targets
     pub method: NormalizeMethod,
     /// Meshing and deformation
     pub deform: DeformOptions,
-    /// Whether and how to move the deformed silhouette onto the reference silhouette
+    /// Options for moving the deformed silhouette onto the reference silhouette, if enabled
     pub register: Option<RegisterOptions>,
-    /// Whether and how to bend arms and legs onto the reference silhouette
+    /// Options for bending arms and legs onto the reference silhouette, if enabled
     pub refine: Option<RefineOptions>,
 }
 
 impl NormalizeOptions {
-    /// The shared skeleton, without registration and refinement: both pull silhouettes toward the avatar's shape
-    /// and gain nothing once the targets agree in 3D
+    /// The shared skeleton, without registration and refinement: both bias silhouettes toward the avatar's shape and
+    /// have no benefit once the targets are consistent in 3D
     pub fn shared_skeleton() -> Self {
         Self {
             method: NormalizeMethod::SharedSkeleton,
@@ -137,7 +137,7 @@ impl NormalizeOptions {
         }
     }
 
-    /// The fitted body, whose rim says where the outline goes
+    /// The fitted body, whose occluding contour provides the targets of the outline
     pub fn fitted_body() -> Self {
         Self {
             method: NormalizeMethod::FittedBody,
@@ -145,7 +145,7 @@ impl NormalizeOptions {
         }
     }
 
-    /// The published method, all three steps
+    /// The published method with all three steps
     pub fn three_step() -> Self {
         Self {
             method: NormalizeMethod::ThreeStep,
@@ -159,12 +159,12 @@ impl NormalizeOptions {
 /// Why a view cannot be normalized
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum NormalizeError {
-    /// A raster has another size than the mask
+    /// A raster differs from the mask in size
     #[error(
-        "the {raster} has {width}x{height} px, the mask {mask_width}x{mask_height} px; they must agree"
+        "the {raster} has {width}x{height} px, the mask {mask_width}x{mask_height} px; both must have the same size"
     )]
     SizeMismatch {
-        /// Which raster
+        /// Name of the raster
         raster: &'static str,
         /// Its columns
         width: usize,
@@ -175,37 +175,37 @@ pub enum NormalizeError {
         /// Rows of the mask
         mask_height: usize,
     },
-    /// The shared skeleton is wanted, but the view has none
-    #[error("the view has no pose of the shared skeleton; the three-step method works without")]
+    /// The shared skeleton is required, but the view has none
+    #[error("the view has no pose of the shared skeleton; the three-step method does not need it")]
     NoSkeleton,
-    /// The fitted body is wanted, but there is none
-    #[error("the view has no fitted body; the three-step method works without")]
+    /// The fitted body is required, but missing
+    #[error("the view has no fitted body; the three-step method does not need it")]
     NoFit,
-    /// The three-step method is wanted, but the reference was rendered for another one
-    #[error("the reference view does not tell which bones are visible; render it for three-step")]
+    /// The three-step method is selected, but the reference was rendered for another one
+    #[error("the reference view contains no bone visibility; render it for three-step")]
     NoVisibility,
     /// The silhouette cannot be deformed
     #[error(transparent)]
     Deform(#[from] DeformError),
 }
 
-/// Something that could be done only in part
+/// A step that was only partially possible
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum NormalizeWarning {
-    /// No known joint lies inside the silhouette, so it keeps the pose of the photo
-    #[error("no joint lies inside the silhouette: it keeps its pose")]
+    /// No known joint lies inside the silhouette, so the pose of the photo is unchanged
+    #[error("no joint lies inside the silhouette: its pose is unchanged")]
     NoHandles,
     /// Most of the skeleton lies outside the silhouette
     #[error("only {inside} of {all} handles lie inside the silhouette")]
     FewHandles {
-        /// Handles inside
+        /// Number of handles inside
         inside: usize,
-        /// All handles
+        /// Number of all handles
         all: usize,
     },
 }
 
-/// Joints through the steps, in px; `None` where unknown
+/// Joints after each step, in px; `None` where unknown
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NormalizedJoints {
     /// In the photo, as detected
@@ -223,24 +223,24 @@ pub struct NormalizedJoints {
 pub struct NormalizedView {
     /// Size of the photo, frame of the reference view
     pub mask: Mask,
-    /// Its outline to fractions of a pixel: what winds around nonzero times is inside
+    /// Its outline, sub-pixel accurate: points with a nonzero winding number are inside
     pub contours: Vec<Contour>,
-    /// Joints through the steps; steps not taken repeat the one before
+    /// Joints after each step; skipped steps repeat the previous one
     pub joints: NormalizedJoints,
-    /// What registration found, if it ran
+    /// Result of the registration, if it ran
     pub registration: Option<Registration>,
-    /// What refinement found for each limb that it could search
+    /// Result of the refinement for each limb that it could search
     pub limbs: Vec<LimbRefinement>,
     /// Intersection over union with the reference silhouette
     pub reference_iou: f64,
-    /// What could be done only in part
+    /// Steps that were only partially possible
     pub warnings: Vec<NormalizeWarning>,
 }
 
 impl NormalizedView {
-    /// The silhouette as covered area of each pixel, 0 to 1
+    /// Renders the silhouette as covered area of each pixel, 0 to 1
     ///
-    /// Drawn anew each time: kept for all views, these would be the largest part of a result.
+    /// Recomputed on each call: kept for all views, these would be the largest part of a result.
     pub fn soft(&self) -> Grid<f32> {
         fill_contours(self.mask.width(), self.mask.height(), &self.contours)
     }
@@ -249,7 +249,7 @@ impl NormalizedView {
 /// Deforms one silhouette to the reference pose
 ///
 /// # Errors
-/// When the silhouette is empty, sizes disagree, or the shared skeleton is wanted but missing.
+/// When the silhouette is empty, sizes differ, or the required skeleton or body is missing.
 ///
 /// # Source
 /// Zwettler et al. 2021: alignment (eq. 1), registration (eq. 2 to 4), refinement (eq. 5 to 7). The shared skeleton
@@ -284,7 +284,7 @@ pub fn normalize(
     };
     let first = spread(&aligned);
     let contours = trace_silhouette(view.mask, view.soft, options.deform.contour);
-    // Refined joints move the handles of the bones, so that the outline cannot be held at the same time.
+    // Refined joints move the handles of the bones, so the outline cannot be fixed at the same time.
     let by_outline = options.method == NormalizeMethod::FittedBody && options.refine.is_none();
     let (silhouette, first) = if by_outline {
         let outline = view.outline.ok_or(NormalizeError::NoFit)?;
@@ -365,12 +365,12 @@ fn check_size(
     })
 }
 
-/// All joints but those that the camera cannot see
+/// Returns all joints except those that the camera cannot see
 fn known(joints: &[DVec2; Joint::COUNT]) -> JointPositions {
     joints.map(|p| p.is_finite().then_some(p))
 }
 
-/// Evenly spaced points of all contours
+/// Samples evenly spaced points of all contours
 fn contour_points(contours: &[Contour]) -> Vec<DVec2> {
     contours
         .iter()
@@ -384,7 +384,7 @@ fn move_contours(contours: &mut [Contour], motion: &RigidMotion) {
     }
 }
 
-/// Silhouettes with fewer than half of the handles inside are hardly the person with these joints
+/// Silhouettes with fewer than half of the handles inside hardly match the joints
 fn handle_warning(inside: usize, all: usize) -> Option<NormalizeWarning> {
     if inside == 0 {
         Some(NormalizeWarning::NoHandles)

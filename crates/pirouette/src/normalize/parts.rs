@@ -1,4 +1,4 @@
-//! Which bone a point of a contour belongs to.
+//! Assigns points of a contour to bones.
 
 use glam::DVec2;
 
@@ -6,9 +6,9 @@ use super::JointPositions;
 use super::refine::Limb;
 use pirouette_body::Joint;
 
-/// How far the hand reaches beyond the wrist, in lengths of the forearm
+/// Reach of the hand beyond the wrist, in lengths of the forearm
 ///
-/// A stretched hand has about 0.75 of the length from elbow to wrist; relaxed fingers bend a little.
+/// A stretched hand has about 0.75 of the length from elbow to wrist; relaxed fingers are slightly bent.
 const HAND_LENGTH: f64 = 0.7;
 
 /// A part of a limb
@@ -16,11 +16,11 @@ const HAND_LENGTH: f64 = 0.7;
 pub(super) enum Part {
     Upper,
     Lower,
-    /// Hand or foot, carried by the lower bone
+    /// Hand or foot, attached to the lower bone
     End,
 }
 
-/// A bone as it competes for contour points
+/// A bone as a candidate for contour points
 struct Segment {
     head: DVec2,
     tip: DVec2,
@@ -28,7 +28,7 @@ struct Segment {
 }
 
 impl Segment {
-    /// Distance of a point, and how far along the segment the nearest place is, 0 to 1
+    /// Returns the distance of a point, and the position of the nearest point along the segment, 0 to 1
     fn distance(&self, point: DVec2) -> (f64, f64) {
         let along = self.tip - self.head;
         let length_squared = along.length_squared().max(f64::MIN_POSITIVE);
@@ -40,15 +40,15 @@ impl Segment {
 /// The bone nearest to a point
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NearestBone {
-    /// In px
+    /// Distance, in px
     pub(super) distance: f64,
-    /// How far along the bone, 0 to 1
+    /// Position along the bone, 0 to 1
     pub(super) along: f64,
-    /// The limb it belongs to with its part there, none for the trunk and the head
+    /// The limb it belongs to and its part there, none for the trunk and the head
     pub(super) owner: Option<(Limb, Part)>,
 }
 
-/// All bones of a skeleton whose joints are known; the trunk also along its sides
+/// All bones of a skeleton with known joints; the trunk also along its sides
 pub(super) struct Bones {
     segments: Vec<Segment>,
 }
@@ -105,7 +105,7 @@ impl Bones {
         Self { segments }
     }
 
-    /// `None` without any known bone, and for a point that is not a number
+    /// `None` without any known bone, and for a point that is not finite
     pub(super) fn nearest(&self, point: DVec2) -> Option<NearestBone> {
         self.segments
             .iter()
@@ -120,7 +120,7 @@ impl Bones {
             .min_by(|a, b| a.distance.total_cmp(&b.distance))
     }
 
-    /// Whether a point belongs to an arm or a hand
+    /// Returns whether a point belongs to an arm or a hand
     pub(super) fn is_of_arm(&self, point: DVec2) -> bool {
         let owner = self.nearest(point).and_then(|bone| bone.owner);
         matches!(owner, Some((Limb::LeftArm | Limb::RightArm, _)))

@@ -1,8 +1,8 @@
 //! Refinement: each arm and leg is bent at shoulder and elbow, or hip and knee, until its contour lies on
 //! the reference contour.
 //!
-//! The refined joints are the targets of a second deformation. Only bending in the image plane is
-//! undone; a limb hidden by the trunk has too little contour and stays as it is.
+//! The refined joints are the targets of a second deformation. Only bending in the image plane is undone; a limb hidden
+//! by the trunk has too little contour and is unchanged.
 
 use glam::DVec2;
 use pirouette_geom::chain::{Chain, RigidMotion};
@@ -12,13 +12,13 @@ use super::parts::{Bones, Part};
 use super::register::{ReferenceContourMap, offsets, scattered};
 use pirouette_body::Joint;
 
-/// Where joints lie in a silhouette, in px, indexed by `Joint as usize`; `None` where unknown
+/// Joint positions in a silhouette, in px, indexed by `Joint as usize`; `None` where unknown
 pub type JointPositions = [Option<DVec2>; Joint::COUNT];
 
-/// Bones shorter than this have no direction to speak of, in px
+/// Bones shorter than this have no reliable direction, in px
 const MIN_BONE_PX: f64 = 2.0;
 
-/// The walk down the slope
+/// Parameters of the descent
 const WALK: [Softness; 3] = [
     Softness {
         px: 1.0,
@@ -36,7 +36,7 @@ const WALK: [Softness; 3] = [
 
 /// An arm or a leg, the person's own side
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names are self-explanatory")]
 pub enum Limb {
     LeftArm,
     RightArm,
@@ -48,7 +48,7 @@ impl Limb {
     /// All limbs
     pub const ALL: [Limb; 4] = [Limb::LeftArm, Limb::RightArm, Limb::LeftLeg, Limb::RightLeg];
 
-    /// Name in files, in snake case
+    /// Returns the name used in files, in snake case
     pub fn name(self) -> &'static str {
         match self {
             Limb::LeftArm => "left_arm",
@@ -58,7 +58,7 @@ impl Limb {
         }
     }
 
-    /// Root, middle and end of the chain
+    /// Returns root, middle and end of the chain
     pub fn joints(self) -> [Joint; 3] {
         use Joint::*;
         match self {
@@ -69,7 +69,7 @@ impl Limb {
         }
     }
 
-    /// Joints beyond the end of the chain that move with its last bone
+    /// Returns the joints beyond the end of the chain that move with its last bone
     pub(super) fn carried(self) -> &'static [Joint] {
         use Joint::*;
         match self {
@@ -80,44 +80,44 @@ impl Limb {
     }
 }
 
-/// How far and how finely the refinement searches
+/// Range and resolution of the search
 ///
-/// In each round, every combination of `2 * steps_each_way + 1` angles of either bone around the best so far is
-/// tried; then the step shrinks.
+/// In each round, every combination of `2 * steps_each_way + 1` angles of either bone around the current best is tried;
+/// then the step shrinks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RefineOptions {
-    /// Rounds of the search
+    /// Number of rounds
     pub rounds: usize,
-    /// Candidates on each side of the best so far
+    /// Number of candidates on each side of the current best
     pub steps_each_way: usize,
-    /// Distance of angles in the first round, in radians
+    /// Distance between angles in the first round, in radians
     pub step_radians: f64,
     /// Factor on the step after each round, below 1
     ///
-    /// Nearer to 1 finds its way through more local minima, and needs more rounds for the same precision.
+    /// Closer to 1 escapes more local minima, but needs more rounds for the same precision.
     pub shrink: f64,
-    /// Whether both angles walk on down the slope of the distance map from the best that was tried
+    /// Whether the best candidate is refined by descent on the distance map
     pub descend: bool,
-    /// Contour points farther from their bone than this are left out, in lengths of the limb
+    /// Contour points farther from their bone than this are ignored, in lengths of the limb
     ///
-    /// Below 0.15 full thighs lose their contour; much above, the trunk's contour pulls at the limbs.
+    /// Below 0.15 full thighs lose their contour; much above, the trunk's contour biases the limbs.
     pub reach: f64,
-    /// Contour points nearer to the head of a bone than this are left out, and so are those as near to the
-    /// middle joint on the other side, in lengths of the bone
+    /// Contour points nearer to the head of a bone than this are ignored, as are those equally near to the middle joint
+    /// on the other side, in lengths of the bone
     ///
-    /// There the skin follows both sides of the joint. Lower, and the folds of elbow and knee pull at the
-    /// angles; higher, and little contour is left.
+    /// There the skin follows both sides of the joint. Lower, the folds of elbow and knee bias the angles; higher, too
+    /// little contour remains.
     pub joint_margin: f64,
-    /// Limbs with fewer contour points per bone than this stay as they are
+    /// Limbs with fewer contour points per bone than this are unchanged
     pub min_points: usize,
-    /// Gains of the mean distance below this leave the limb as it is, in px
+    /// Gains of the mean distance below this leave the limb unchanged, in px
     ///
-    /// Traced contours are uncertain by a few hundredths of a pixel; less is not worth moving for.
+    /// Traced contours are uncertain by a few hundredths of a pixel; smaller gains are not significant.
     pub min_gain_px: f64,
 }
 
 impl Default for RefineOptions {
-    /// 25 degrees each way at first, a degree between candidates at last, and from there down the slope
+    /// 25 degrees each way at first, a degree between candidates at last, followed by descent
     fn default() -> Self {
         Self {
             rounds: 6,
@@ -133,44 +133,44 @@ impl Default for RefineOptions {
     }
 }
 
-/// How one limb was bent
+/// Result for one limb
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LimbRefinement {
-    /// Which one
+    /// The limb
     pub limb: Limb,
-    /// Turn of the whole limb about shoulder or hip, from x to y (clockwise on screen)
+    /// Rotation of the complete limb about shoulder or hip, from x to y (clockwise on screen)
     pub upper_radians: f64,
-    /// Turn of forearm or shin, in addition, about elbow or knee
+    /// Additional rotation of forearm or shin about elbow or knee
     pub lower_radians: f64,
     /// Mean distance of the limb's contour points to the reference contour before, in px
     pub mean_distance_before_px: f64,
-    /// The same after; never more than before
+    /// The same after; never larger than before
     pub mean_distance_after_px: f64,
-    /// Contour points of upper arm or thigh, and of forearm and hand or shin and foot
+    /// Numbers of contour points of upper arm or thigh, and of forearm and hand or shin and foot
     pub point_counts: [usize; 2],
 }
 
 /// Joints after refinement
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refinement {
-    /// All joints; those of refined limbs moved
+    /// All joints; those of refined limbs are moved
     pub joints: JointPositions,
-    /// The limbs that could be searched, moved or not; those without joints or contour are missing
+    /// The limbs that could be searched, moved or not; limbs without joints or contour are missing
     pub limbs: Vec<LimbRefinement>,
 }
 
-/// Bends arms and legs until their contour points lie nearest to a reference contour
+/// Bends arms and legs to minimize the distance of their contour points to a reference contour
 ///
-/// `contour` holds points of the registered silhouette and `joints` its joints, both in the pixels of the
-/// reference view. Each contour point belongs to the nearest bone of the skeleton; the limbs use those of
-/// their own two bones, with hand or foot. Limbs with a missing joint are skipped.
+/// `contour` contains points of the registered silhouette and `joints` its joints, both in the pixels of the reference
+/// view. Each contour point belongs to the nearest bone of the skeleton; the limbs use those of their own two bones,
+/// with hand or foot. Limbs with a missing joint are skipped.
 ///
 /// # Source
-/// Zwettler et al. 2021, eq. 5 to 7, read as: contour points of the first bone are rotated by alpha about
-/// the chain's root (5), those of the second bone by alpha about the root and by beta about the middle
-/// joint (6); the fitness is the mean of the reference contour's distance map at the limb's points (7); the
-/// search is that of the registration. All combinations are tried, since turning one angle at a time gets stuck where a
-/// wrong elbow makes up for a wrong shoulder; the walk down the slope at the end is ours.
+/// Zwettler et al. 2021, eq. 5 to 7, interpreted as: contour points of the first bone are rotated by alpha about the
+/// chain's root (5), those of the second bone by alpha about the root and by beta about the middle joint (6); the
+/// fitness is the mean of the reference contour's distance map at the limb's points (7); the search is that of the
+/// registration. All combinations are tried, since rotating one angle at a time gets stuck where a wrong elbow
+/// compensates a wrong shoulder; the final descent is our addition.
 pub fn refine(
     contour: &[DVec2],
     joints: &JointPositions,
@@ -209,7 +209,7 @@ pub fn refine(
 const UPPER: usize = 0;
 const LOWER: usize = 1;
 
-/// The chain of a limb, if its joints are known and apart
+/// Returns the chain of a limb, if its joints are known and distinct
 fn limb_chain(limb: Limb, joints: &JointPositions) -> Option<Chain> {
     let [root, middle, end] = limb.joints().map(|joint| joints[joint as usize]);
     let chain = Chain::from_joints(&[root?, middle?, end?]);
@@ -291,7 +291,7 @@ fn search(
     }
 }
 
-/// The contour points of each limb, by bone
+/// Collects the contour points of each limb, by bone
 fn assign(
     points: &[DVec2],
     joints: &JointPositions,
@@ -333,7 +333,7 @@ mod tests {
     use pirouette_geom::contour::trace_outline;
     use pirouette_geom::coverage::fill_polygons;
 
-    /// A round-ended, tapering bone as a polygon
+    /// A round-ended, tapered bone as a polygon
     fn capsule(from: DVec2, to: DVec2, radius_from: f64, radius_to: f64) -> Vec<DVec2> {
         let out = (to - from).try_normalize().unwrap_or(DVec2::X);
         (0..64)
@@ -349,7 +349,7 @@ mod tests {
             .collect()
     }
 
-    /// Joints of a standing figure, 400 px high, arms slightly out
+    /// Joints of a standing stick figure, 400 px high, arms slightly out
     fn standing() -> JointPositions {
         use Joint::*;
         let mut joints = [None; Joint::COUNT];
@@ -396,7 +396,7 @@ mod tests {
         fill_polygons(400, 480, &parts)
     }
 
-    /// The figure with limbs bent by degrees at root and middle joint
+    /// The stick figure with limbs bent by degrees at root and middle joint
     fn bend(joints: &JointPositions, bends: &[(Limb, f64, f64)]) -> JointPositions {
         let mut bent = *joints;
         for &(limb, upper, lower) in bends {
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn bends_beyond_the_first_round_are_found_or_left() {
+    fn bends_beyond_the_first_round_are_found_or_unchanged() {
         let joints = standing();
         let target = bend(&joints, &[(Limb::LeftArm, -60.0, 20.0)]);
         let reference = ReferenceContourMap::from_coverage(&draw(&target));
@@ -506,7 +506,7 @@ mod tests {
     }
 
     #[test]
-    fn poison_moves_nothing() {
+    fn non_finite_input_causes_no_motion() {
         let joints = standing();
         let contour = contour_of(&draw(&joints));
         let nothing = ReferenceContourMap::from_coverage(&Grid::filled(0, 0, 0.0));

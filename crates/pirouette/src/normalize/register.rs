@@ -1,7 +1,7 @@
-//! Registration: the rigid motion that brings a silhouette onto the reference silhouette.
+//! Registration: the rigid motion that moves a silhouette onto the reference silhouette.
 //!
-//! One rotation and one shift for the whole contour; what the limbs need beyond that is the refinement's.
-//! The search is local: it finds the best motion within reach of where the contour lies.
+//! One rotation and one shift for the complete contour; further corrections of the limbs are left to the refinement.
+//! The search is local: it finds the best motion within a range around the initial position.
 
 mod contour_map;
 
@@ -14,26 +14,26 @@ use super::JointPositions;
 use super::descent::{Pull, Softness, descend};
 use super::parts::Bones;
 
-/// How far registration searches
+/// Range of the registration
 ///
-/// It begins at 3 rotations and 5 x 5 shifts and walks down from each.
+/// It starts from 3 rotations and 5 x 5 shifts and descends from each.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RegisterOptions {
-    /// Rotations of the beginnings, to either side, in radians
+    /// Rotations of the starting points, to either side, in radians
     pub reach_radians: f64,
-    /// Shifts of the outermost beginnings, in x and in y, in px
+    /// Shifts of the outermost starting points, in x and in y, in px
     pub reach_px: f64,
-    /// Whether arms count, too
+    /// Whether arms are included
     ///
-    /// They are what people hold most differently, and the refinement bends them anyway. With them, a reference of
-    /// another build is missed by 1.7 px instead of 0.4, one of the other sex by 3.0 instead of 2.4.
+    /// Their poses differ most between people, and the refinement bends them anyway. With them, the error against a
+    /// reference of another build is 1.7 px instead of 0.4, against one of the other sex 3.0 instead of 2.4.
     pub arms: bool,
 }
 
 impl Default for RegisterOptions {
-    /// 8 degrees and 24 px; the walk down goes some degrees and pixels farther
+    /// 8 degrees and 24 px; the descent extends this by some degrees and pixels
     ///
-    /// That is more than anybody sways at 800 px of stature.
+    /// This exceeds the sway of people at 800 px of stature.
     fn default() -> Self {
         Self {
             reach_radians: 8f64.to_radians(),
@@ -43,10 +43,10 @@ impl Default for RegisterOptions {
     }
 }
 
-/// Points that the walks from all beginnings look at, and how
+/// Number of points used by the descents from all starting points, and their schedule
 const FIRST: (usize, [Softness; 1]) = (96, [Softness { px: 2.0, rounds: 5 }]);
 
-/// The same of the few walks that go on
+/// The same for the few descents that are continued
 const SECOND: (usize, [Softness; 2]) = (
     400,
     [
@@ -58,60 +58,61 @@ const SECOND: (usize, [Softness; 2]) = (
     ],
 );
 
-/// Walks that go on
+/// Number of descents that are continued
 const KEPT: usize = 2;
 
-/// How the best one ends with all points; outlines are known to about the last softness
+/// Final schedule of the best one with all points; outlines are known to about the last softness
 const LAST: [Softness; 2] = [
     Softness { px: 0.3, rounds: 4 },
     Softness { px: 0.1, rounds: 8 },
 ];
 
-/// Arms count nevertheless when less than this share of the contour is left without them
+/// Arms are included anyway when less than this share of the contour remains without them
 const LEAST_REST: f64 = 0.3;
 
-/// Gains of the mean distance below this are not worth moving for, in px
+/// Gains of the mean distance below this leave the silhouette unmoved, in px
 const MIN_GAIN_PX: f64 = 0.003;
 
-/// The motion found, and what it gained
+/// The motion found, and its gain
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Registration {
-    /// Centroid of the contour points, which the rotation is about, in px
+    /// Centroid of the contour points, the center of the rotation, in px
     pub center: DVec2,
-    /// From x to y: clockwise on screen
+    /// Angle from x to y: clockwise on screen
     pub rotation_radians: f64,
     /// Shift after the rotation, in px
     pub translation_px: DVec2,
     /// Mean distance of the contour points to the reference contour before, in px; infinite without a
     /// reference contour, 0 without contour points
     pub mean_distance_before_px: f64,
-    /// The same after the motion; never more than before
+    /// The same after the motion; never larger than before
     pub mean_distance_after_px: f64,
 }
 
 impl Registration {
-    /// The motion itself
+    /// Returns the motion itself
     pub fn motion(&self) -> RigidMotion {
         RigidMotion::about(self.center, self.rotation_radians, self.translation_px)
     }
 
-    /// Where a point of the silhouette goes
+    /// Maps a point of the silhouette
     pub fn apply(&self, point: DVec2) -> DVec2 {
         self.motion().apply(point)
     }
 }
 
-/// Finds the rotation and shift that bring contour points nearest to a reference contour
+/// Finds the rotation and shift that minimize the distance of contour points to a reference contour
 ///
-/// `contour` is in the pixels of the reference view, in any order; points that are not finite are left out, and so are
-/// those nearest to arms, by `joints`, unless little else is left. A contour that lies right, to a few thousandths of a pixel on average, stays where it is.
+/// `contour` is in the pixels of the reference view, in any order; non-finite points are ignored, as are those nearest
+/// to arms, by `joints`, unless too few remain. A contour that already matches to a few thousandths of a pixel on
+/// average is not moved.
 ///
 /// # Source
-/// Zwettler et al. 2021, eq. 2 to 4, read as: the points are rotated about their centroid by phi (2) and
-/// shifted by (tx, ty) (3); the fitness is the mean of the reference contour's distance map at the points
-/// (4). Published is an exhaustive search in 10 rounds of 11 x 11 x 11 candidates, scaled by 0.9 from round to round. Ours
-/// walks down the slope of the map from several beginnings: a hundredth of the time, and a better optimum, since its
-/// steps do not end at fractions of a pixel. The distance map is finer than a pixel, see [`ReferenceContourMap`].
+/// Zwettler et al. 2021, eq. 2 to 4, interpreted as: the points are rotated about their centroid by phi (2) and shifted
+/// by (tx, ty) (3); the fitness is the mean of the reference contour's distance map at the points (4). Published is an
+/// exhaustive search in 10 rounds of 11 x 11 x 11 candidates, scaled by 0.9 from round to round. Ours descends on the
+/// map from several starting points: a hundredth of the time, and a better optimum, since its steps are not limited to
+/// fractions of a pixel. The distance map is finer than a pixel, see [`ReferenceContourMap`].
 pub fn register(
     contour: &[DVec2],
     joints: &JointPositions,
@@ -130,7 +131,7 @@ pub fn register(
     let count = points.len().max(1) as f64;
     let center = points.iter().sum::<DVec2>() / count;
     let spokes: Vec<DVec2> = points.iter().map(|&p| p - center).collect();
-    // Turns count in px at the far end of the contour, so that all parameters are of one size.
+    // Rotations are scaled to px at the far end of the contour, so that all parameters have similar magnitudes.
     let radius = spokes.iter().map(|p| p.length()).fold(1.0, f64::max);
     let pull_of = |spokes: &[DVec2], &[turn, x, y]: &[f64; 3], pull: &mut Pull<3>| {
         let (turn, shift) = (DVec2::from_angle(turn / radius), center + DVec2::new(x, y));
@@ -184,14 +185,14 @@ pub fn register(
     }
 }
 
-/// Whole steps from `-each_way` to `each_way`
+/// Returns integer steps from `-each_way` to `each_way`
 pub(super) fn offsets(each_way: usize) -> impl Iterator<Item = f64> {
     (0..=2 * each_way).map(move |i| i as f64 - each_way as f64)
 }
 
-/// The finite points in an order that jumps around the contour: halves, then quarters, and so on
+/// Returns the finite points in an order that jumps around the contour: halves, then quarters, and so on
 ///
-/// Sums over the first few points then tell early that a candidate cannot win.
+/// Sums over the first few points then reject hopeless candidates early.
 pub(super) fn scattered(points: &[DVec2]) -> Vec<DVec2> {
     let finite: Vec<DVec2> = points.iter().copied().filter(|p| p.is_finite()).collect();
     let bits = finite.len().next_power_of_two().trailing_zeros();
@@ -213,7 +214,7 @@ mod tests {
     use pirouette_geom::coverage::fill_polygons;
     use proptest::prelude::*;
 
-    /// A lopsided figure with one arm out, 200 px high
+    /// An asymmetric figure with one arm out, 200 px high
     fn figure() -> Vec<DVec2> {
         [
             (95., 20.),
@@ -248,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_contour_that_lies_right_stays() {
+    fn a_registered_contour_is_not_moved() {
         let coverage = filled(figure());
         let reference = ReferenceContourMap::from_coverage(&coverage);
         let found = register(
@@ -294,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_held_otherwise_does_not_pull() {
+    fn an_arm_in_another_pose_has_no_influence() {
         use pirouette_body::Joint::*;
         let shift = DVec2::new(7.0, -4.0);
         let mut raised = figure();
@@ -330,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn poison_moves_nothing() {
+    fn non_finite_input_causes_no_motion() {
         let options = RegisterOptions::default();
         let figure_map = ReferenceContourMap::from_coverage(&filled(figure()));
         for coverage in [

@@ -46,7 +46,7 @@ fn reference() -> ReferenceView {
     }
 }
 
-/// Turns what hangs on a joint
+/// Rotates the joints attached to a joint
 fn bend(joints: &mut Joints, about: Joint, moved: &[Joint], degrees: f64) {
     let pivot = joints[about as usize];
     let turn = DVec2::from_angle(degrees.to_radians());
@@ -87,7 +87,7 @@ fn normalized(joints: &Joints, options: &NormalizeOptions) -> NormalizedView {
 }
 
 #[test]
-fn both_methods_bring_a_swayed_figure_to_the_reference_pose() {
+fn both_methods_move_a_swayed_figure_to_the_reference_pose() {
     let before = draw(&swayed()).threshold(0.5);
     let raw = before.iou(&reference().coverage.threshold(0.5));
     assert!(raw < 0.85);
@@ -105,7 +105,7 @@ fn both_methods_bring_a_swayed_figure_to_the_reference_pose() {
 }
 
 #[test]
-fn registration_and_refinement_can_be_switched_singly() {
+fn registration_and_refinement_can_be_switched_independently() {
     let all = NormalizeOptions::three_step();
     let aligned = NormalizeOptions {
         register: None,
@@ -130,7 +130,7 @@ fn registration_and_refinement_can_be_switched_singly() {
 }
 
 #[test]
-fn a_figure_in_the_reference_pose_stays() {
+fn a_figure_in_the_reference_pose_is_unchanged() {
     for options in [
         NormalizeOptions::shared_skeleton(),
         NormalizeOptions::three_step(),
@@ -141,7 +141,7 @@ fn a_figure_in_the_reference_pose_stays() {
 }
 
 #[test]
-fn hidden_bones_are_no_handles_in_the_published_method() {
+fn hidden_bones_carry_no_handles_in_the_published_method() {
     let soft = draw(&swayed());
     let mask = soft.threshold(0.5);
     let mut reference = reference();
@@ -171,7 +171,7 @@ fn hidden_bones_are_no_handles_in_the_published_method() {
 }
 
 #[test]
-fn a_view_without_keypoints_keeps_its_pose_and_says_so() {
+fn a_view_without_keypoints_keeps_its_pose_with_a_warning() {
     let soft = draw(&standing());
     let mask = soft.threshold(0.5);
     let reference = reference();
@@ -189,7 +189,7 @@ fn a_view_without_keypoints_keeps_its_pose_and_says_so() {
 }
 
 #[test]
-fn poison_gives_errors() {
+fn non_finite_input_is_rejected() {
     let reference = reference();
     let empty = Mask::filled(400, 480, false);
     let soft = empty.map(|_| f32::NAN);

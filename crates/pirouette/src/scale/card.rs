@@ -1,11 +1,12 @@
-//! An ID-1 card (bank card, identity card) in a photo, by edges and Hough lines.
+//! Finds an ID-1 card (bank card, identity card) in a photo, by edges and Hough lines.
 //!
-//! In each window of fitting size, the Hough transform of the edges finds the lines; four of them that enclose a quadrilateral
-//! whose sides are edges nearly all along are a candidate. The map that takes the card's known sides to the found
-//! ones has two singular values: the larger one is the scale, which a tilt leaves alone, the smaller one is shortened by the
-//! cosine of the tilt. A rectangle of another aspect would need more tilt than anybody holds a card at: it is refused.
+//! In each window of suitable size, the Hough transform of the edges finds the lines; four of them that enclose a
+//! quadrilateral whose sides are edges along nearly their entire length are a candidate. The map from the card's known
+//! sides to the found ones has two singular values: the larger one is the scale, which a tilt does not change, the
+//! smaller one is shortened by the cosine of the tilt. A rectangle of another aspect ratio would need an implausibly
+//! large tilt: it is rejected.
 //!
-//! Not promised: cards that hide behind fingers along a whole side, or lie before something of their own color.
+//! Not supported: cards covered by fingers along an entire side, or in front of a background of the same color.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -23,21 +24,21 @@ pub const CARD_MM: [f64; 2] = [85.60, 53.98];
 /// A card in a photo
 #[derive(Debug, Clone, PartialEq)]
 pub struct Card {
-    /// Its corners around, in photo px
+    /// Its corners in order around it, in photo px
     pub corners: [DVec2; 4],
-    /// Size of a pixel where the card is, in mm
+    /// Size of a pixel at the card, in mm
     pub mm_per_px: f64,
-    /// How far it is tilted out of the picture, in degrees
+    /// Tilt out of the image plane, in degrees
     pub tilt_degrees: f64,
-    /// Part of its sides that are seen as edges, 0 to 1
+    /// Share of its sides visible as edges, 0 to 1
     pub coverage: f64,
 }
 
-/// Why there is no scale from a photo
+/// Why no card was found in a photo
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum CardError {
-    #[error("no person, no place to look for a card")]
+    #[error("no person in the photo, so the search region for the card is unknown")]
     NoPerson,
     #[error("no quadrilateral of a card's shape")]
     NotFound,
@@ -45,28 +46,28 @@ pub enum CardError {
     Ambiguous,
 }
 
-/// Heights of people, in mm, over which the scale is sought: their joints, from eyes to ankles, span about 0.9 of it
+/// Statures, in mm, over which the scale is searched: the joints, from eyes to ankles, span about 0.9 of it
 const JOINT_SPAN_MM: [f64; 2] = [900.0, 2000.0];
 
-/// Cards are sought so far around the person, as a share of the person's height
+/// Search distance for cards around the person, as a share of the person's height
 const AROUND: f64 = 0.35;
 
-/// Cards may be tilted so far, in degrees: 20 and what noise adds
+/// Largest tilt of cards, in degrees: 20 plus a margin for noise
 const MAX_TILT_DEGREES: f64 = 25.0;
 
-/// Sides must be seen as edges to this part
+/// Smallest share of each side that must be visible as an edge
 const MIN_COVERAGE: f64 = 0.85;
 
-/// Opposite sides of a card agree within this share: it is small against the distance
+/// Largest relative difference between opposite sides of a card: it is small compared to its distance
 const MAX_SIDE_RATIO: f64 = 1.08;
 
-/// Candidates of one card agree within this share
+/// Largest relative difference between candidates of one card
 const SAME_SCALE: f64 = 0.02;
 
-/// Finds a card beside a person whose joints lie at `person` in the photo
+/// Finds a card near a person whose joints are at `person` in the photo
 ///
 /// # Errors
-/// When there is none, or several that disagree: never a guess.
+/// When there is no card, or several candidates are inconsistent: it never guesses.
 pub fn find_card(photo: &Photo, person: &[DVec2]) -> Result<Card, CardError> {
     let finite = || person.iter().filter(|p| p.is_finite());
     let low = finite().fold(DVec2::INFINITY, |low, p| low.min(*p));
@@ -100,8 +101,8 @@ pub fn find_card(photo: &Photo, person: &[DVec2]) -> Result<Card, CardError> {
     }
 }
 
-/// Points by overlapping squares of `size` px and half as much again: a card lies whole in one of them, whatever hand or
-/// sleeve its edges run into
+/// Groups points into overlapping squares of `size` px and half as much again: a card lies entirely in one of them,
+/// even if its edges continue into a hand or sleeve
 fn windows(points: &[EdgePoint], size: f64) -> Vec<Vec<EdgePoint>> {
     let step = size / 2.0;
     let mut windows: BTreeMap<(i64, i64), Vec<EdgePoint>> = BTreeMap::new();
@@ -136,7 +137,7 @@ impl Line {
     }
 }
 
-/// The card that edges outline, if they do
+/// Returns the card outlined by edges, if any
 fn card_of(group: &[EdgePoint]) -> Option<Card> {
     let lines = hough_lines(group);
     let mut best: Option<Card> = None;
@@ -168,9 +169,9 @@ fn card_of(group: &[EdgePoint]) -> Option<Card> {
     best.and_then(|card| settle(card, group))
 }
 
-/// The card whose sides run through the edge points along them, corners left out
+/// Returns the card whose sides run through the edge points along them, excluding corners
 ///
-/// A line that was found by all points near it may be drawn aside by what lies beyond the card.
+/// A line found by all points near it may be biased by edges beyond the card.
 fn settle(mut card: Card, group: &[EdgePoint]) -> Option<Card> {
     for near in [2.0, 1.5, 1.0] {
         let mut sides = Vec::with_capacity(4);
@@ -198,7 +199,7 @@ fn settle(mut card: Card, group: &[EdgePoint]) -> Option<Card> {
     Some(card)
 }
 
-/// The line through points by least squares across it; `None` for few points
+/// Fits a line to points by least squares of the perpendicular distance; `None` for few points
 fn through(points: &[DVec2]) -> Option<Line> {
     if points.len() < 8 {
         return None;
@@ -216,9 +217,9 @@ fn through(points: &[DVec2]) -> Option<Line> {
     })
 }
 
-/// Part of a side that belongs to the rounded corner at either end
+/// Share of a side that belongs to the rounded corner at either end
 ///
-/// Radius of the corners (ISO/IEC 7810 allows 2.88 to 3.48 mm) over the shorter side, and some more.
+/// Radius of the corners (ISO/IEC 7810 allows 2.88 to 3.48 mm) over the shorter side, plus a margin.
 const SIDE_CORNER: f64 = 0.09;
 
 /// The same where coverage is counted, in mm along any side
@@ -231,10 +232,10 @@ fn nearly_parallel(a: &Line, b: &Line) -> bool {
     a.normal.perp_dot(b.normal).abs() < 0.15
 }
 
-/// Lines that many points of a group lie on: peaks of the Hough transform, each refined by least squares
+/// Finds lines that many points of a group lie on: peaks of the Hough transform, each refined by least squares
 fn hough_lines(group: &[EdgePoint]) -> Vec<Line> {
     const ANGLES: usize = 90;
-    /// Points vote for lines across their normal only, and these beside them
+    /// Points vote only for lines perpendicular to their normal and for this many adjacent directions
     const SPREAD: isize = 2;
     const MAX_LINES: usize = 14;
     let origin = group.iter().map(|p| p.position).sum::<DVec2>() / group.len() as f64;
@@ -284,7 +285,7 @@ fn hough_lines(group: &[EdgePoint]) -> Vec<Line> {
     lines
 }
 
-/// The line through the points near a line, by least squares across it, twice; `None` for few points
+/// Refits a line twice to the points near it, by least squares of the perpendicular distance; `None` for few points
 fn refine(mut line: Line, group: &[EdgePoint]) -> Option<Line> {
     for near in [2.0, 1.0] {
         let on: Vec<DVec2> = group
@@ -298,7 +299,7 @@ fn refine(mut line: Line, group: &[EdgePoint]) -> Option<Line> {
     Some(line)
 }
 
-/// Whether corners are those of a card, sides being edges
+/// Returns whether corners are those of a card whose sides are edges
 fn check(corners: &[DVec2; 4], group: &[EdgePoint]) -> Option<Card> {
     let sides: [DVec2; 4] = std::array::from_fn(|i| corners[(i + 1) % 4] - corners[i]);
     let turns = (0..4).map(|i| sides[i].perp_dot(sides[(i + 1) % 4]));
@@ -346,7 +347,7 @@ fn check(corners: &[DVec2; 4], group: &[EdgePoint]) -> Option<Card> {
     })
 }
 
-/// Larger and smaller singular value of the matrix with these columns
+/// Returns the larger and the smaller singular value of the matrix with these columns
 fn singular_values(a: DVec2, b: DVec2) -> (f64, f64) {
     let sum = a.length_squared() + b.length_squared();
     let product = a.perp_dot(b).abs();
@@ -412,7 +413,7 @@ mod tests {
     struct Scene {
         mm_per_px: f64,
         center: DVec2,
-        /// Turn within the picture, tilt, and direction of the tilt's axis, in degrees
+        /// Rotation within the picture, tilt, and direction of the tilt's axis, in degrees
         turn: f64,
         tilt: f64,
         axis: f64,
@@ -423,7 +424,7 @@ mod tests {
     }
 
     impl Scene {
-        /// Where a card point (mm from its middle) is seen, by a camera 2.5 m away
+        /// Projects a card point (mm from its middle) into a camera 2.5 m away
         fn see(&self, p: DVec2) -> DVec2 {
             let axis = DVec3::new(
                 self.axis.to_radians().cos(),
@@ -508,7 +509,7 @@ mod tests {
         }
 
         #[test]
-        fn other_rectangles_are_no_cards(
+        fn other_rectangles_are_rejected(
             aspect in prop_oneof![0.9..1.35f64, 1.9..4.0f64],
             turn in -90.0..90.0f64,
             mm_per_px in 0.8..2.1f64,
@@ -537,7 +538,7 @@ mod tests {
     }
 
     #[test]
-    fn a_blue_card_before_an_equally_bright_wall_is_found() {
+    fn a_blue_card_in_front_of_an_equally_bright_wall_is_found() {
         let scene = Scene {
             color: [60.0, 90.0, 190.0],
             wall: [115.0, 100.0, 95.0],
@@ -550,7 +551,7 @@ mod tests {
     }
 
     #[test]
-    fn no_card_no_person_or_a_card_of_another_world_give_a_clear_answer() {
+    fn missing_cards_missing_people_and_implausible_cards_are_reported() {
         let without = Scene {
             size_mm: [0.0, 0.0],
             ..scene()
@@ -562,7 +563,7 @@ mod tests {
             find_card(&photo, &[DVec2::NAN; 4]),
             Err(CardError::NoPerson)
         );
-        // A poster of the same shape, far too large to be a card beside this person
+        // A poster of the same shape, far too large to be a card next to this person
         let poster = Scene {
             mm_per_px: 0.35,
             center: DVec2::new(335.0, 250.0),
@@ -575,7 +576,7 @@ mod tests {
     }
 
     #[test]
-    fn two_cards_of_different_sizes_are_no_scale() {
+    fn two_cards_of_different_sizes_are_rejected() {
         let (near, far) = (scene().render(), {
             Scene {
                 mm_per_px: 1.4,

@@ -1,4 +1,4 @@
-//! Edges of a photo as points with a direction, exact to fractions of a pixel.
+//! Edges of a photo as oriented points, accurate to fractions of a pixel.
 
 use glam::DVec2;
 use pirouette_geom::Grid;
@@ -14,16 +14,16 @@ pub(super) struct EdgePoint {
     pub(super) normal: DVec2,
 }
 
-/// Changes of less than so many gray levels per px are noise
+/// Gradients below this many gray levels per px are noise
 const MIN_GRADIENT: f32 = 5.0;
 
-/// The points of all edges
+/// Finds the points of all edges
 pub(super) fn edge_points(photo: &Photo) -> Vec<EdgePoint> {
     let (width, height) = (photo.width(), photo.height());
     if width < 8 || height < 8 {
         return Vec::new();
     }
-    // The strongest of the three colors decides: a blue card before a wall as bright as it has an edge, too.
+    // The strongest of the three channels decides: a blue card in front of an equally bright wall has an edge, too.
     let channels: Vec<Grid<f32>> = (0..3)
         .map(|c| smooth(&photo.map(|p| f32::from(p[c]))))
         .collect();
@@ -53,7 +53,7 @@ pub(super) fn edge_points(photo: &Photo) -> Vec<EdgePoint> {
             if here < MIN_GRADIENT {
                 continue;
             }
-            // Only the crest of an edge counts, seen along the larger part of its normal.
+            // Only the crest of an edge counts, along the larger component of its normal.
             let along = if g[0].abs() >= g[1].abs() {
                 (g[0].signum() as isize, 0)
             } else {
@@ -81,7 +81,7 @@ pub(super) fn edge_points(photo: &Photo) -> Vec<EdgePoint> {
     points
 }
 
-/// Weighted means with the neighbors: binomial, three by three, twice
+/// Smooths with the neighbors: binomial, three by three, twice
 fn smooth(channel: &Grid<f32>) -> Grid<f32> {
     let pass = |grid: &Grid<f32>, dx: isize, dy: isize| {
         Grid::from_fn(grid.width(), grid.height(), |x, y| {
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_edge_of_a_half_plane_lies_where_it_is() {
+    fn the_edge_of_a_half_plane_is_located_exactly() {
         // Bright from x = 20.3 on, covered partly in between.
         let photo = Photo::from_fn(40, 30, |x, _| {
             let covered = (x as f64 + 1.0 - 20.3).clamp(0.0, 1.0);

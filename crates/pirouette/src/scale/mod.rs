@@ -1,6 +1,7 @@
-//! The scale of a scan where nobody told the stature: from the size of a pixel, or from a card of known size in a photo.
+//! Estimates the scale of a scan without a given stature: from the size of a pixel, or from a card of known size in a
+//! photo.
 //!
-//! Both come down to a stature: that of the skeleton that fits the keypoints and has pixels of this size at the turning axis.
+//! Both yield a stature: that of the skeleton that fits the keypoints and has pixels of this size at the turning axis.
 
 mod card;
 mod edges;
@@ -14,22 +15,22 @@ use pirouette_body::mannequin::{MannequinError, MannequinParameters, mannequin};
 
 pub use card::{CARD_MM, Card, CardError, find_card};
 
-/// Why a scale cannot be found
+/// Why a scale cannot be determined
 #[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum ScaleError {
     #[error("no skeleton fits the keypoints, so the size of the person in pixels is not known")]
     Bundle(#[from] SkeletonFitError),
-    #[error("cannot make a figure to compare with")]
+    #[error("cannot build a mannequin for comparison")]
     Mannequin(#[from] MannequinError),
     #[error(
-        "no ID-1 card (85.60 x 53.98 mm) was found beside the person in any photo: hold or hang it flat toward the camera, \
-         in the light, not before something of its own color; or give the stature"
+        "no ID-1 card (85.60 x 53.98 mm) was found next to the person in any photo: hold or mount it flat toward the camera, \
+         well lit, in front of a background of another color; or specify the stature"
     )]
     NoCard,
     #[error(
         "photos {first} and {second} show cards of different scales ({first_mm:.3} and {second_mm:.3} mm per px); \
-         leave one, or give the stature"
+         keep only one of the cards, or specify the stature"
     )]
     CardsDiffer {
         first: String,
@@ -38,23 +39,23 @@ pub enum ScaleError {
         second_mm: f64,
     },
     #[error(
-        "by {mm_per_px:.3} mm per px the person is {stature_mm:.0} mm tall; check the size of the pixels"
+        "at {mm_per_px:.3} mm per px the person would be {stature_mm:.0} mm tall; check the pixel size"
     )]
     Implausible { mm_per_px: f64, stature_mm: f64 },
 }
 
-/// Statures that a scale may come to, in mm
+/// Range of accepted statures, in mm
 const STATURES_MM: std::ops::RangeInclusive<f64> = 700.0..=2400.0;
 
-/// Cards in several photos may differ by this share
+/// Largest relative difference between cards in several photos
 const CARD_SPREAD: f64 = 0.03;
 
 /// Sets the stature of a scan by the size of its pixels
 ///
-/// `mm_per_px` is that of the photos as they are in the scan, at the turning axis.
+/// `mm_per_px` refers to the photos as stored in the scan, at the turning axis.
 ///
 /// # Errors
-/// When no skeleton fits, or the person would be no person.
+/// When no skeleton fits, or the resulting stature is out of range.
 pub fn scale_by_pixels(
     scan: &mut Scan,
     mm_per_px: f64,
@@ -65,7 +66,7 @@ pub fn scale_by_pixels(
         ..MannequinParameters::default()
     })?;
     let views: Vec<KeypointView> = scan.views.iter().map(KeypointView::from).collect();
-    // Heights of the camera are in true mm, the figure's are not.
+    // Heights of the camera are in true mm, the mannequin's are not.
     let camera = CameraSetup {
         height_mm: None,
         distance_mm: None,
@@ -92,10 +93,10 @@ pub fn scale_by_pixels(
     Ok(())
 }
 
-/// Sets the stature of a scan by a card in one of its photos; hands back the view and the card
+/// Sets the stature of a scan from a card in one of its photos; returns the view and the card
 ///
 /// # Errors
-/// When there is no card, when cards contradict each other, or no skeleton fits.
+/// When there is no card, when cards are inconsistent, or no skeleton fits.
 pub fn scale_by_card(scan: &mut Scan) -> Result<(String, Card), ScaleError> {
     let mut found: Vec<(String, Card)> = Vec::new();
     for view in &scan.views {

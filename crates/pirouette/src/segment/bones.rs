@@ -1,4 +1,4 @@
-//! Seeds from the skeleton: what the bones say about each pixel.
+//! Seeds from the skeleton: classifies pixels by their distance to the bones.
 
 use glam::DVec2;
 use pirouette_geom::Grid;
@@ -11,9 +11,9 @@ use pirouette_body::{Joint, Keypoints};
 struct SeedBone {
     from: Joint,
     to: Joint,
-    /// Probably person up to this far from the bone
+    /// Radius within which pixels are probably person
     person_radius: f64,
-    /// Probably background for this much farther; beyond is surely background
+    /// Width of the probable background around it; pixels beyond are surely background
     background_margin: f64,
 }
 
@@ -26,9 +26,9 @@ const fn bone(from: Joint, to: Joint, person_radius: f64, background_margin: f64
     }
 }
 
-/// How far the body reaches around each bone
+/// Extent of the body around each bone
 ///
-/// Wide enough for loose clothes on most persons; the margins take the rest.
+/// Wide enough for loose clothes on most people; the margins cover the remainder.
 const SEED_BONES: [SeedBone; 24] = [
     bone(Joint::Neck, Joint::MidHip, 0.30, 0.12),
     bone(Joint::Neck, Joint::RightShoulder, 0.16, 0.10),
@@ -56,32 +56,32 @@ const SEED_BONES: [SeedBone; 24] = [
     bone(Joint::LeftAnkle, Joint::LeftHeel, 0.08, 0.10),
 ];
 
-/// Thickness of the surely-person line along a bone, in torso lengths, when both joints are certain
+/// Thickness of the surely-person line along a bone, in torso lengths, when both joints have full confidence
 const CORE_THICKNESS: f64 = 0.10;
 
-/// The crown lies this far beyond the neck along the trunk, in torso lengths
+/// Distance of the crown beyond the neck along the trunk, in torso lengths
 const CROWN_REACH: f64 = 0.50;
 
 /// Confidence, radius and margin of the line from neck to crown
 const CROWN: (f64, f64, f64) = (0.8, 0.22, 0.14);
 
-/// The hand reaches this far beyond the wrist, in forearm lengths
+/// Reach of the hand beyond the wrist, in forearm lengths
 const HAND_REACH: f64 = 0.42;
 
-/// Confidence, radius and margin of the line from wrist to finger tips; fists and bags point elsewhere
+/// Confidence, radius and margin of the line from wrist to finger tips; fists and bags have other directions
 const HAND: (f64, f64, f64) = (0.15, 0.13, 0.12);
 
-/// A foot without toes reaches this far below the ankle, in torso lengths
+/// Reach of a foot without toe keypoints below the ankle, in torso lengths
 const FOOT_REACH: f64 = 0.12;
 
 /// Confidence, radius and margin of such a foot
 const FOOT: (f64, f64, f64) = (0.15, 0.12, 0.12);
 
-/// A torso is this share of the stature
+/// The torso as a share of the stature
 const TORSO_PER_STATURE: f64 = 0.30;
 
-/// Lengths of bones in torso lengths, to estimate a torso that was not found; a bone seen from its end
-/// looks shorter, never longer
+/// Lengths of bones in torso lengths, to estimate a torso that was not found; foreshortening makes a bone appear
+/// shorter, never longer
 const LENGTHS: [(Joint, Joint, f64); 10] = [
     (Joint::RightHip, Joint::RightKnee, 0.80),
     (Joint::LeftHip, Joint::LeftKnee, 0.80),
@@ -100,11 +100,11 @@ const LENGTHS: [(Joint, Joint, f64); 10] = [
 pub(super) struct SeedLine {
     pub(super) from: DVec2,
     pub(super) to: DVec2,
-    /// Surely person up to this far
+    /// Radius of sure person
     pub(super) core_radius: f64,
-    /// Probably person up to this far
+    /// Radius of probable person
     pub(super) person_radius: f64,
-    /// Probably background up to this far
+    /// Radius of probable background
     pub(super) reach: f64,
 }
 
@@ -117,10 +117,10 @@ pub(super) struct SeedLines {
 }
 
 impl SeedLines {
-    /// The lines of the bones whose two joints were found, with hands, crown and feet extrapolated
+    /// Creates the lines of the bones whose two joints were found, with hands, crown and feet extrapolated
     ///
     /// # Errors
-    /// When too few joints were found to tell where the person is.
+    /// When too few joints were found to locate the person.
     pub(super) fn new(keypoints: &Keypoints) -> Result<Self, SegmentError> {
         let found = with_middles(keypoints);
         let torso = torso_length(&found).ok_or(SegmentError::NoSkeleton {
@@ -184,12 +184,12 @@ impl SeedLines {
         })
     }
 
-    /// Height of the person in px over 800, from the torso
+    /// Returns the height of the person in px over 800, from the torso
     pub(super) fn scale(&self) -> f64 {
         self.torso_px / TORSO_PER_STATURE / 800.0
     }
 
-    /// Seeds of a photo: the surest statement of any line
+    /// Computes the seeds of a photo: the surest class of any line
     pub(super) fn seeds(&self, width: usize, height: usize) -> Grid<Seed> {
         let mut seeds = Grid::filled(width, height, Seed::Background);
         for line in &self.lines {
@@ -222,7 +222,7 @@ impl SeedLine {
         );
     }
 
-    /// Calls `visit` with column, row and distance from the line for every pixel not farther than `reach`
+    /// Calls `visit` with column, row and distance from the line for every pixel within `reach`
     pub(super) fn for_each_pixel(
         &self,
         width: usize,
@@ -256,7 +256,7 @@ impl SeedLine {
     }
 }
 
-/// Keypoints with a missing neck or mid hip taken between shoulders or hips, and broken numbers dropped
+/// Interpolates a missing neck or mid hip between shoulders or hips, and drops non-finite coordinates
 fn with_middles(keypoints: &Keypoints) -> Keypoints {
     let mut found = *keypoints;
     for joint in Joint::ALL {
@@ -282,7 +282,7 @@ fn with_middles(keypoints: &Keypoints) -> Keypoints {
     found
 }
 
-/// Neck to mid hip in px, or what the longest-looking other bone makes of it
+/// Returns the length from neck to mid hip in px, or the estimate from the longest-looking other bone
 fn torso_length(found: &Keypoints) -> Option<f64> {
     let length = |a: Joint, b: Joint| {
         let (a, b) = (found.found(a)?, found.found(b)?);

@@ -1,9 +1,9 @@
 //! Stage 1: from photos and the posed avatar to silhouettes.
 //!
-//! The bones of the skeleton say where the person is; where the avatar was posed like the person, its
-//! outline says it better. Several photos of one person before one background help each other: shared color
-//! models, a background plate. A view that was posed unlike the avatar falls back to its bones, a view that
-//! fails takes no other one down.
+//! The bones of the skeleton locate the person; where the avatar was posed like the person, its outline is more
+//! accurate. Several photos of one person in front of one background support each other: shared color models and a
+//! clean plate. A view whose pose differs from the avatar falls back to its bones, and a failed view does not affect
+//! the others.
 
 mod bones;
 mod prior;
@@ -30,13 +30,13 @@ pub struct SegmentView<'a> {
     pub photo: &'a Photo,
     /// Joints of the person, in px of the photo
     pub keypoints: &'a Keypoints,
-    /// Silhouette of the avatar posed like the person, size of the photo
+    /// Silhouette of the avatar in the person's pose, size of the photo
     pub prior: Option<&'a Mask>,
-    /// A given silhouette, size of the photo; it is the result, and helps the other views
+    /// A given silhouette, size of the photo; it is the result, and supports the other views
     pub mask: Option<&'a Mask>,
 }
 
-/// How photos are segmented; every ingredient can be switched off
+/// Options of the segmentation; every ingredient can be disabled
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SegmentOptions {
     /// Seeds from the posed avatar instead of the bones alone
@@ -45,16 +45,16 @@ pub struct SegmentOptions {
     pub soft_prior: bool,
     /// One pair of color models for all views
     pub shared_models: bool,
-    /// The background plate; dropped by itself when the photos are not static
+    /// The clean plate; disabled automatically when the photos are not static
     pub plate: bool,
-    /// Contrast that the plate shows too counts less
+    /// Attenuation of contrast that the plate shows, too
     pub attenuation: bool,
-    /// Unmixing of the border; otherwise the soft mask is the hard one
+    /// Unmixing of the border; otherwise the soft mask equals the hard one
     pub alpha: bool,
     /// Passes over all views; a third changes the IoU by 0.0001
     pub passes: usize,
-    /// Cutting each photo by itself, as published, with `prior`, `soft_prior` and `alpha` if they are on; for
-    /// persons in street clothes
+    /// Cuts each photo separately, as published, with `prior`, `soft_prior` and `alpha` if they are enabled; for people
+    /// in street clothes
     pub single: bool,
 }
 
@@ -73,14 +73,14 @@ impl Default for SegmentOptions {
     }
 }
 
-/// The person in one photo
+/// The silhouette of the person in one photo
 #[derive(Debug, Clone)]
 pub struct Silhouette {
     /// Pixels that are at least half person
     pub mask: Mask,
     /// Share of each pixel that is person, 0 to 1; its 0.5 level is the outline
     pub soft: Windowed<f32>,
-    /// What was known beforehand; `None` for a given mask
+    /// Prior knowledge; `None` for a given mask
     pub seeds: Option<Grid<Seed>>,
     /// Whether the avatar's outline was used
     pub prior_used: bool,
@@ -89,15 +89,15 @@ pub struct Silhouette {
 /// Why a view has no silhouette
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum SegmentError {
-    /// Too few joints to tell where the person is
+    /// Too few joints to locate the person
     #[error(
-        "only {found} joints were found, too few to tell where the person is; give a mask or better keypoints"
+        "only {found} joints were found, too few to locate the person; provide a mask or better keypoints"
     )]
     NoSkeleton {
-        /// Joints found
+        /// Number of joints found
         found: usize,
     },
-    /// The skeleton lies beyond the photo
+    /// The skeleton lies outside the photo
     #[error("no bone of the person lies inside the photo of {width}x{height} px")]
     Outside {
         /// Columns of the photo
@@ -105,7 +105,7 @@ pub enum SegmentError {
         /// Rows of the photo
         height: usize,
     },
-    /// All pixels of the photo look alike
+    /// All pixels of the photo have the same color
     #[error("the photo of {width}x{height} px has one color only")]
     Flat {
         /// Columns of the photo
@@ -116,27 +116,27 @@ pub enum SegmentError {
     /// The given mask has no pixel inside
     #[error("the given mask is empty")]
     EmptyMask,
-    /// The given mask or prior is for another photo
+    /// The given mask or prior differs from the photo in size
     #[error("{what} of {found_width}x{found_height} px for a photo of {width}x{height} px")]
     Size {
-        /// What does not fit
+        /// Name of the mismatched raster
         what: &'static str,
-        /// Columns of what does not fit
+        /// Its columns
         found_width: usize,
-        /// Rows of what does not fit
+        /// Its rows
         found_height: usize,
         /// Columns of the photo
         width: usize,
         /// Rows of the photo
         height: usize,
     },
-    /// The cut found nobody
-    #[error("no person was found around the bones")]
+    /// The cut left no foreground pixels
+    #[error("the segmentation left no foreground pixels around the bones")]
     Nobody,
     /// The cut itself failed
-    #[error("cannot cut out the person: {0}")]
+    #[error("cannot segment the person: {0}")]
     Cut(#[source] GrabCutError),
-    /// The caller wanted no result any more
+    /// The caller requested cancellation
     #[error("cancelled")]
     Cancelled,
 }
@@ -152,11 +152,11 @@ impl From<GrabCutError> for SegmentError {
 
 /// Finds the silhouette of the person in every view
 ///
-/// Several views are taken as one scene; a single one is cut by itself. `cancelled` is asked now and then.
+/// Several views are segmented as one scene; a single one is segmented separately. `cancelled` is polled regularly.
 ///
 /// # Source
-/// Seeds: Zwettler et al. 2021, section on segmentation. Cut: C. Rother, V. Kolmogorov, A. Blake, 2004,
-/// GrabCut.
+/// Seeds: Zwettler et al. 2021, section on segmentation. Cut: C. Rother, V. Kolmogorov, A. Blake, 2004, "GrabCut:
+/// interactive foreground extraction using iterated graph cuts".
 pub fn segment(
     views: &[SegmentView],
     options: &SegmentOptions,
@@ -198,7 +198,7 @@ pub fn segment(
         .collect()
 }
 
-/// Results where nothing is left to find out
+/// Returns the results if no view remains to be segmented
 fn given_masks(views: &[SegmentView]) -> Vec<Cut> {
     let given = |view: &SegmentView| {
         let mask = view.mask?;
@@ -291,7 +291,7 @@ fn cut_singly(
         .collect()
 }
 
-/// What is known of a view before its colors are looked at
+/// Prior knowledge of a view, without its colors
 struct Prepared {
     seeds: Grid<Seed>,
     odds: Option<Grid<LogOdds>>,
@@ -349,7 +349,7 @@ impl Prepared {
     }
 }
 
-/// Height of the avatar's silhouette, in px
+/// Returns the height of the avatar's silhouette, in px
 fn stature_px(avatar: &Mask) -> Option<f64> {
     let (_, y0, _, y1) = avatar.bounding_box()?;
     Some((y1 - y0) as f64)

@@ -6,27 +6,27 @@ use pirouette_segment::seeds::{LogOdds, Seed};
 
 use super::bones::SeedLines;
 
-/// How well the avatar's outline tells where the person ends; lengths in px of a person of 800 px
+/// Reliability of the avatar's outline; lengths in px of a person of 800 px
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PriorFit {
-    /// Farther outside the avatar than this is surely background
+    /// Pixels farther outside the avatar than this are surely background
     outside_px: f64,
-    /// Deeper inside the avatar than this is surely person
+    /// Pixels deeper inside the avatar than this are surely person
     inside_px: f64,
-    /// Bones count as person up to this far outside the avatar, negative: where they run deeper inside it
+    /// Bones count as person up to this far outside the avatar; negative: only where they run deeper inside it
     bone_px: f64,
-    /// The odds are even this far outside the avatar
+    /// Distance outside the avatar at which the odds are even
     even_px: f64,
     /// Distance that changes the log odds by one
     odds_length_px: f64,
-    /// Largest say of the avatar, as log odds
+    /// Largest contribution of the avatar, as log odds
     max_log_odds: f32,
 }
 
 impl PriorFit {
     /// A scan: the camera is known, clothes are tight, and the plate finds what the avatar lacks
     ///
-    /// Lines from the neck to nose and ears leave the body under the chin and beside the neck, where the avatar may be
+    /// Lines from the neck to nose and ears leave the body under the chin and next to the neck, where the avatar may be
     /// wider than the person: `bone_px` 3 fills these hollows (mean IoU of five rendered scans 0.9858 instead of
     /// 0.9873), -6 begins to lose limbs that the avatar misses.
     pub(super) const SCAN: Self = Self {
@@ -38,12 +38,12 @@ impl PriorFit {
         max_log_odds: 2.5,
     };
 
-    /// One photo of anybody: hair, coats, wide trousers and bags that no avatar has
+    /// One photo of any person: hair, coats, wide trousers and bags that no avatar has
     ///
-    /// From 26 street photos. About half of the pixels 5 px outside the avatar are person, and of those more than
-    /// 8 px inside it only 1 in 180 is not. Beyond 70 px lie 0.8 % of the persons, nearly all of it bags and coats.
-    /// Flat for `outside_px` 120 to 180 and `odds_length_px` 8 to 12; a say of 3 loses bags and coats again, and so
-    /// does `even_px` 2 (mean IoU lower by 0.006 each).
+    /// From 26 street photos. About half of the pixels 5 px outside the avatar are person, and of those more than 8 px
+    /// inside it only 1 in 180 is not. Beyond 70 px lie 0.8 % of the person pixels, nearly all of it bags and coats.
+    /// Flat for `outside_px` 120 to 180 and `odds_length_px` 8 to 12; a largest contribution of 3 loses bags and coats
+    /// again, and so does `even_px` 2 (mean IoU lower by 0.006 each).
     pub(super) const SINGLE: Self = Self {
         outside_px: 150.0,
         inside_px: 8.0,
@@ -54,10 +54,10 @@ impl PriorFit {
     };
 }
 
-/// Bones that leave the avatar by more than this count as outside it
+/// Bones that leave the avatar by more than this count as outside
 const MISFIT_PX: f64 = 12.0;
 
-/// Larger shares of the bones outside the avatar mean another pose
+/// A larger share of the bones outside the avatar indicates another pose
 const MAX_MISFIT_SHARE: f64 = 0.1;
 
 /// Seeds and odds of one view
@@ -68,8 +68,8 @@ pub(super) struct Prior {
 }
 
 impl Prior {
-    /// Seeds by the distance from the avatar's outline; `None` when there is no avatar in view or the bones
-    /// show that the person holds another pose
+    /// Computes seeds by the distance from the avatar's outline; `None` when no avatar is in view or the bones show
+    /// that the person is in another pose
     pub(super) fn new(
         avatar: &Mask,
         lines: &SeedLines,
@@ -77,7 +77,7 @@ impl Prior {
         fit: &PriorFit,
     ) -> Option<Self> {
         let (x0, y0, x1, y1) = avatar.bounding_box()?;
-        // Beyond this, all is background at the lowest odds.
+        // Beyond this, every pixel is background at the lowest odds.
         let saturated = f64::from(fit.max_log_odds) * fit.odds_length_px + fit.even_px;
         let farthest = fit.outside_px.max(saturated).max(MISFIT_PX);
         let margin = (farthest.max(0.0) * scale).ceil() as usize + 1;

@@ -38,7 +38,7 @@ fn keypoints(x: f64) -> Keypoints {
     keypoints
 }
 
-/// The figure with flesh on its bones, between the legs and under the arms open
+/// The stick figure with body thickness around its bones, open between the legs and under the arms
 fn truth(x: f64) -> Mask {
     let lines = SeedLines::new(&keypoints(x)).unwrap();
     let mut mask = Mask::filled(WIDTH, HEIGHT, false);
@@ -89,7 +89,7 @@ fn a_single_photo_is_cut_by_its_bones() {
 }
 
 #[test]
-fn a_scan_uses_the_avatar_and_drops_it_where_the_person_stands_otherwise() {
+fn a_scan_uses_the_avatar_unless_the_pose_differs() {
     let places = [40.0, 60.0, 80.0];
     let truths = places.map(truth);
     let photos = truths.each_ref().map(photo);
@@ -135,7 +135,7 @@ fn a_given_mask_is_the_result() {
 }
 
 #[test]
-fn where_all_masks_are_given_photos_are_not_looked_at() {
+fn photos_are_not_read_when_all_masks_are_given() {
     let truth = truth(60.0);
     let (blank, keypoints) = (Grid::filled(WIDTH, HEIGHT, [0; 3]), Keypoints::default());
     let given = SegmentView {
@@ -149,7 +149,7 @@ fn where_all_masks_are_given_photos_are_not_looked_at() {
 }
 
 #[test]
-fn every_bad_view_has_its_own_error_and_the_others_go_on() {
+fn every_invalid_view_has_its_error_and_the_others_succeed() {
     let truth = truth(60.0);
     let (good, figure) = (photo(&truth), keypoints(60.0));
     let (nobody, far_off) = (Keypoints::default(), keypoints(9e9));
@@ -208,7 +208,7 @@ fn cancelling_ends_every_view() {
 }
 
 #[test]
-fn two_joints_are_enough_for_seeds() {
+fn two_joints_suffice_for_seeds() {
     let mut keypoints = Keypoints::default();
     for (joint, y) in [(Joint::RightHip, 60.0), (Joint::RightKnee, 86.0)] {
         let position = DVec2::new(50.0, y);

@@ -36,7 +36,7 @@ fn bar() -> Grid<f32> {
 }
 
 #[test]
-fn a_silhouette_whose_handles_stay_comes_back_unchanged() {
+fn a_silhouette_with_fixed_handles_is_unchanged() {
     let soft = bar();
     let mask = soft.threshold(0.5);
     let handles = [DVec2::new(40.0, 60.0), DVec2::new(90.0, 61.0)];
@@ -71,7 +71,7 @@ fn a_rigid_motion_of_the_handles_moves_the_silhouette_rigidly() {
     let turn = DVec2::from_angle(2.5);
     let motion = |p: DVec2| turn.rotate(p) + DVec2::new(150.0, 90.0);
     let moved = prepared.deform(&handles.map(motion));
-    // rounding of the mesh to 1/1024 px is all that is lost
+    // the only loss is rounding of the mesh to 1/1024 px
     for (before, after) in contours.iter().zip(&moved.contours) {
         assert_eq!(before.hole, after.hole);
         for (p, q) in before.points.iter().zip(&after.points) {
@@ -82,7 +82,7 @@ fn a_rigid_motion_of_the_handles_moves_the_silhouette_rigidly() {
 }
 
 #[test]
-fn handles_outside_do_not_count_and_those_that_coincide_share() {
+fn handles_outside_are_ignored_and_coincident_ones_share_a_vertex() {
     let contours = trace_outline(&bar(), 0.5);
     let inside = DVec2::new(40.0, 60.0);
     let sources = [inside, DVec2::new(2.0, 2.0), inside];
@@ -129,7 +129,7 @@ fn thin_shapes_and_bridges_are_meshed() {
 }
 
 #[test]
-fn nothing_in_gives_an_error_not_a_panic() {
+fn empty_input_is_an_error_without_panic() {
     for (width, height) in [(0, 0), (1, 1), (5, 3)] {
         let mask = Mask::filled(width, height, false);
         let poison = mask.map(|_| f32::NAN);

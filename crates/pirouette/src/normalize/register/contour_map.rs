@@ -1,4 +1,4 @@
-//! The distance map of the reference contour, fine enough for fractions of a pixel.
+//! The distance map of the reference contour, accurate to fractions of a pixel.
 
 use glam::DVec2;
 use pirouette_geom::contour::{Contour, trace_outline};
@@ -6,30 +6,29 @@ use pirouette_geom::coverage::mask_of_polygons;
 use pirouette_geom::distance_map::signed_distance;
 use pirouette_geom::{Grid, Mask};
 
-/// Half coverage is the contour
+/// The contour is at half coverage
 const CONTOUR_LEVEL: f32 = 0.5;
 
-/// Within this distance of the contour the map is exact to the line itself, in px
+/// Distance from the contour within which the map is exact to the line itself, in px
 ///
-/// Below 1.5, lookups at the contour would mix in distances between pixel centers, which are off by up to
-/// half a pixel; above, only farther points gain, to which half a pixel means little.
+/// Below 1.5, lookups at the contour would mix in distances between pixel centers, which are off by up to half a pixel;
+/// above, only farther points benefit, where half a pixel matters little.
 const FINE_BAND_PX: f64 = 2.5;
 
-/// How far any place is from the contour of the reference silhouette, holes included
+/// Distance of any point from the contour of the reference silhouette, including holes
 ///
-/// The map holds signed distances, and lookups take the magnitude after interpolation: interpolating
-/// magnitudes would never come down to zero between pixel centers. A reference that is cut by the image
-/// border has its contour there.
+/// The map stores signed distances, and lookups take the magnitude after interpolation: interpolated magnitudes would
+/// never reach zero between pixel centers. A reference cut off by the image border has its contour there.
 #[derive(Debug, Clone)]
 pub struct ReferenceContourMap {
-    /// With one more pixel on each side, so that every lookup finds four neighbors; `None` without contour
+    /// With one additional pixel on each side, so that every lookup finds four neighbors; `None` without contour
     signed: Option<Grid<f32>>,
 }
 
 impl ReferenceContourMap {
     /// Prepares the map for contours in an image of this size
     ///
-    /// Holes have the opposite orientation of what they are in.
+    /// Holes have the opposite orientation of their surrounding contour.
     pub fn from_contours(width: usize, height: usize, contours: &[Contour]) -> Self {
         // Pixel (0, 0) of the image is pixel (1, 1) of the map
         let polygons: Vec<Vec<DVec2>> = contours
@@ -48,7 +47,7 @@ impl ReferenceContourMap {
                 *d = near.copysign(*d);
             }
         }
-        // Contours far beyond the image leave nothing but inside
+        // Contours far outside the image leave only inside pixels
         let bounded = signed.as_slice().iter().all(|d| d.is_finite());
         Self {
             signed: bounded.then_some(signed),
@@ -61,19 +60,19 @@ impl ReferenceContourMap {
         Self::from_contours(coverage.width(), coverage.height(), &outline)
     }
 
-    /// Prepares the map for the border of a mask, half way between pixels
+    /// Prepares the map for the border of a mask, halfway between pixels
     pub fn from_mask(mask: &Mask) -> Self {
         Self::from_coverage(&mask.map(|&v| f32::from(u8::from(v))))
     }
 
-    /// Distance of a place to the contour, in px; infinite when there is no contour
+    /// Returns the distance of a point to the contour, in px; infinite when there is no contour
     ///
-    /// Beyond the image: the distance at the nearest place in it plus the way there. NaN stays NaN.
+    /// Outside the image: the distance at the nearest point inside plus the distance to it. NaN yields NaN.
     pub fn distance_px(&self, point: DVec2) -> f64 {
         let Some(map) = &self.signed else {
             return f64::INFINITY;
         };
-        // Pixel (0, 0) of the image is pixel (1, 1) of the map; whole numbers are pixel centers
+        // Pixel (0, 0) of the image is pixel (1, 1) of the map; integers are pixel centers
         let last = DVec2::new((map.width() - 1) as f64, (map.height() - 1) as f64);
         let at = point + 0.5;
         let place = at.clamp(DVec2::ZERO, last);
@@ -96,10 +95,11 @@ impl ReferenceContourMap {
         }
     }
 
-    /// Signed distance of a place to the contour, in px, negative inside, and the direction in which it grows
+    /// Returns the signed distance of a point to the contour, in px, negative inside, and the direction in which it
+    /// increases
     ///
-    /// Beyond the image, distances are counted from its border on, all of them positive. `None` without a contour, or
-    /// for a place that is not a number.
+    /// Outside the image, distances are measured from its border, all of them positive. `None` without a contour, or
+    /// for a point that is not finite.
     pub(in crate::normalize) fn signed_with_slope(&self, point: DVec2) -> Option<(f64, DVec2)> {
         let map = self.signed.as_ref()?;
         let last = DVec2::new((map.width() - 1) as f64, (map.height() - 1) as f64);
@@ -121,7 +121,7 @@ impl ReferenceContourMap {
         Some((top + (bottom - top) * t.y, DVec2::new(across, bottom - top)))
     }
 
-    /// Sum of the distances of shifted points; gives up as soon as the sum reaches `limit`
+    /// Sums the distances of shifted points; stops as soon as the sum reaches `limit`
     pub(in crate::normalize) fn total_distance(
         &self,
         points: &[DVec2],
@@ -143,14 +143,14 @@ impl ReferenceContourMap {
     }
 }
 
-/// Distance of the pixels near closed polygons to their lines, infinite on all others
+/// Computes the distance of the pixels near closed polygons to their lines, infinite at all others
 fn distance_in_band(polygons: &[Vec<DVec2>], width: usize, height: usize) -> Grid<f32> {
     let mut near = Grid::filled(width, height, f32::INFINITY);
     for (&a, &b) in polygons
         .iter()
         .flat_map(|polygon| polygon.iter().zip(polygon.iter().cycle().skip(1)))
     {
-        // Pixel indices, whose centers are whole
+        // Pixel indices, whose centers are integers
         let (a, b) = (a - 0.5, b - 0.5);
         let from = (a.min(b) - FINE_BAND_PX).ceil().max(DVec2::ZERO);
         let to = (a.max(b) + FINE_BAND_PX).floor().max(DVec2::ZERO);
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_are_those_to_the_line() {
+    fn distances_are_measured_to_the_line() {
         let contour = Contour {
             points: rectangle(),
             hole: false,
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_image_the_way_counts() {
+    fn outside_the_image_the_distance_to_it_is_added() {
         let map = ReferenceContourMap::from_coverage(&fill_polygons(80, 60, &[rectangle()]));
         let at = |x, y| map.distance_px(DVec2::new(x, y));
         assert!((at(150.3, 25.0) - 100.0).abs() < 0.5);
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_contour_everything_is_infinitely_far() {
+    fn without_a_contour_all_distances_are_infinite() {
         for mask in [Mask::filled(0, 0, true), Mask::filled(4, 3, false)] {
             let map = ReferenceContourMap::from_mask(&mask);
             assert_eq!(map.distance_px(DVec2::ONE), f64::INFINITY);
