@@ -120,7 +120,8 @@ pub(crate) fn choose_start(
     let mut residuals: Vec<(f64, Sex)> = [Sex::Female, Sex::Male, Sex::Neutral]
         .into_par_iter()
         .filter_map(|sex| {
-            let (avatar, posture, poses) = posed(&coarse_mannequin(&of(sex, Some(mass_kg))).ok()?).ok()?;
+            let (avatar, posture, poses) =
+                posed(&coarse_mannequin(&of(sex, Some(mass_kg))).ok()?).ok()?;
             let views = fit_views(views, &poses, stature_mm);
             Some((rigid_residual(&avatar, &posture, &views, outlines), sex))
         })
