@@ -211,7 +211,7 @@ fn normal_mass(mean: f64, sd: f64, [from, to]: [f64; 2]) -> f64 {
 /// Returns the cumulative standard normal distribution
 ///
 /// # Source
-/// Abramowitz and Stegun 1964, *Handbook of Mathematical Functions*, eq. 26.2.17; error at most 7.5e-8.
+/// Abramowitz and Stegun 1964, eq. 26.2.17; error at most 7.5e-8.
 fn normal_below(z: f64) -> f64 {
     let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
     let series = [

@@ -156,9 +156,6 @@ const SECANT_STEPS: usize = 1;
 /// # Errors
 /// When fewer than two silhouettes are nonempty, when all are seen from one direction, when an angle, a camera or an
 /// option is invalid, or when the hull is empty.
-///
-/// # Source
-/// The visual hull is due to Laurentini 1994, "The visual hull concept for silhouette-based image understanding".
 pub fn carve(views: &[CarveView], options: &CarveOptions) -> Result<TriMesh, CarveError> {
     let hull = HullField::new(views, options.misses_to_remove)?;
     extract(&hull, &hull, options)

@@ -6,8 +6,7 @@
 //! Heights and lengths are measured on it. Values that cannot be determined are omitted with the reason.
 //!
 //! # Source
-//! ISO 8559-1:2017, *Size designation of clothes, Part 1: Anthropometric definitions for body measurement*. The
-//! definition of each measure is given by [`Measure::definition`]; some differ from the standard.
+//! ISO 8559-1:2017. The definition of each measure is given by [`Measure::definition`]; some differ from the standard.
 
 mod figure;
 mod girths;

@@ -155,8 +155,7 @@ impl From<GrabCutError> for SegmentError {
 /// Several views are segmented as one scene; a single one is segmented separately. `cancelled` is polled regularly.
 ///
 /// # Source
-/// Seeds: Zwettler et al. 2021, section on segmentation. Cut: C. Rother, V. Kolmogorov, A. Blake, 2004, "GrabCut:
-/// interactive foreground extraction using iterated graph cuts".
+/// Seeds: Zwettler et al. 2021, section on segmentation. Cut: C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut.
 pub fn segment(
     views: &[SegmentView],
     options: &SegmentOptions,

@@ -5,7 +5,7 @@
 //! where it defines them by bones (waist, knee, upper arm, wrist). The skinning weights separate arms from the trunk.
 //!
 //! # Source
-//! ISO 8559-1:2017, *Size designation of clothes, Part 1: Anthropometric definitions for body measurement*.
+//! ISO 8559-1:2017.
 
 mod levels;
 mod points;
