@@ -64,19 +64,16 @@ fn half_widths(radius: f64, width: usize, height: usize) -> Vec<usize> {
     // No disc needs to be larger than the image.
     let radius = radius.min((width + height) as f64);
     let reach = (radius as usize).min(height.saturating_sub(1));
-    let half_width = |dy: usize| {
-        let limit = radius * radius - (dy * dy) as f64;
-        // The square root may be rounded across an integer, in either direction.
-        let mut dx = limit.max(0.0).sqrt() as usize;
-        while ((dx + 1) * (dx + 1)) as f64 <= limit {
-            dx += 1;
-        }
-        while dx > 0 && (dx * dx) as f64 > limit {
-            dx -= 1;
-        }
-        dx.min(width)
-    };
+    let half_width = |dy: usize| largest_root(radius * radius - (dy * dy) as f64).min(width);
     (0..=reach).map(half_width).collect()
+}
+
+/// The largest integer whose square is at most `limit`; 0 for a negative limit
+fn largest_root(limit: f64) -> usize {
+    // The square root may be rounded up to an integer.
+    let root = limit.max(0.0).sqrt() as usize;
+    let too_large = root > 0 && (root * root) as f64 > limit;
+    root - usize::from(too_large)
 }
 
 /// One in each byte
@@ -483,7 +480,7 @@ mod tests {
     fn a_disc_reaches_a_pixel_center_on_its_border_in_spite_of_rounding() {
         let mut mask = Mask::filled(40, 3, false);
         mask[(0, 0)] = true;
-        for (radius, width) in [(27.999994, 29), (27.9999, 28), (28.0, 29), (0.999_999_9, 1)] {
+        for (radius, width) in [(27.999994, 29), (27.9999, 28), (28.0, 29), (0.9999999, 1)] {
             assert_eq!(dilate(&mask, radius), dilate_reference(&mask, radius));
             assert_eq!(
                 dilate(&mask, radius).bounding_box().map(|b| b.2),
@@ -493,17 +490,16 @@ mod tests {
     }
 
     #[test]
-    fn half_widths_are_exact_where_the_square_root_rounds_up() {
-        let below_five = 5.0_f64.next_down();
+    fn the_largest_root_is_exact_where_the_square_root_rounds_up() {
         assert_eq!(25.0_f64.next_down().sqrt(), 5.0);
-        assert!(below_five * below_five < 25.0);
-        assert_eq!(half_widths(below_five, 40, 1), [4]);
+        assert_eq!(largest_root(25.0_f64.next_down()), 4);
+        assert_eq!([-1.0, 0.0, 3.9, 25.0].map(largest_root), [0, 0, 1, 5]);
     }
 
     #[test]
     fn a_disc_larger_than_the_image_fills_it() {
         let mask = Mask::from_art("..#....");
-        assert_eq!(dilate(&mask, 40.512_523_461_695_295), mask.map(|_| true));
+        assert_eq!(dilate(&mask, 40.512523461695295), mask.map(|_| true));
     }
 
     proptest! {

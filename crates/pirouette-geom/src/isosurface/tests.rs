@@ -188,6 +188,19 @@ fn noise(seed: u64) -> impl Fn(DVec3) -> f64 + Sync {
     }
 }
 
+#[test]
+fn noise_that_once_left_open_edges_gives_closed_meshes() {
+    let noise = noise(256_208_189_612_489_748);
+    for (lipschitz, thin_pieces) in [(100.0, true), (100.0, false), (0.2, true), (0.2, false)] {
+        let options = SurfaceOptions {
+            thin_pieces,
+            ..options(0.125, lipschitz)
+        };
+        let mesh = extract_surface(&noise, &options).expect("the options are sound");
+        assert_eq!(mesh.check(), Ok(()));
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 8))]
 
