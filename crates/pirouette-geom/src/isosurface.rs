@@ -16,9 +16,9 @@ mod lattice;
 
 use std::collections::{BTreeMap, HashMap};
 
+use crate::parallel::prelude::*;
 use foldhash::fast::FixedState;
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::tri_mesh::TriMesh;
 use crossing::{Crossing, refine};

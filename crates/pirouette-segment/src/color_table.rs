@@ -1,7 +1,7 @@
 //! Densities of two color models, looked up instead of evaluated.
 
 use pirouette_geom::Grid;
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use crate::color_model::ColorModel;
 use crate::seeds::Seed;

@@ -1,7 +1,7 @@
 //! The background plate: what a static camera sees behind the person.
 
+use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask};
-use rayon::prelude::*;
 
 use crate::log_domain::{ln_of_positive, log_sum_exp};
 use crate::seeds::Window;

@@ -4,8 +4,8 @@
 //! background plate. Works in passes: models and plate come from the seeds first, then from the last pass.
 
 use pirouette_geom::morphology::dilate;
+use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask};
-use rayon::prelude::*;
 
 use crate::border::{soft_border, tidy_soft};
 use crate::color_model::{ColorModel, ColorModelOptions};
@@ -404,7 +404,7 @@ fn fit_pair(
         })
     };
     let (person, background) =
-        rayon::join(|| fit("person", person), || fit("background", background));
+        pirouette_geom::parallel::join(|| fit("person", person), || fit("background", background));
     Ok(ModelPair {
         person: person?,
         background: background?,
