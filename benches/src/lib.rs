@@ -14,11 +14,10 @@ use pirouette::segment::{SegmentOptions, SegmentView, Silhouette, segment};
 use pirouette::skeleton_fit::{
     KeypointView, Skeleton, SkeletonFitOptions, SkeletonView, fit_skeleton,
 };
-use pirouette_body::Avatar;
-use pirouette_body::Joint;
 use pirouette_body::Sex;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::render::SilhouetteMesh;
+use pirouette_body::{Avatar, PerJoint};
 use pirouette_geom::contour::{Contour, trace_outline};
 use pirouette_geom::outline_map::OutlineMap;
 use pirouette_geom::planar_mesh::{PlanarMesh, TriangulateOptions, simplify_apart, triangulate};
@@ -227,7 +226,7 @@ impl Stages {
             self.views[view].turn,
             &self.views[view].camera,
         );
-        let known = |joints: [DVec2; Joint::COUNT]| joints.map(Some);
+        let known = |joints: PerJoint<DVec2>| joints.map(Some);
         let spread = handles(&known(joints.photo), &known(joints.reference), |_| true);
         (simple.collect(), spread)
     }

@@ -7,7 +7,7 @@
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 
-use crate::{Bone, Joint, ReferencePose, SkinWeight};
+use crate::{PerBone, PerJoint, ReferencePose, SkinWeight};
 
 /// Distance of the turning axis behind the midpoint of the hip joints, as a share of the stature
 ///
@@ -23,11 +23,11 @@ pub struct Avatar {
     /// One skinning weight per vertex, same order as `mesh.positions`
     pub weights: Vec<SkinWeight>,
     /// Head (upper end, turning point) of each bone, mm
-    pub bone_heads: [DVec3; Bone::COUNT],
+    pub bone_heads: PerBone<DVec3>,
     /// Position at which a keypoint detector would place each joint, mm; each is attached to `Joint::bone`
     ///
     /// The neck is the middle of the shoulders and the mid hip the middle of the hips.
-    pub keypoints: [DVec3; Joint::COUNT],
+    pub keypoints: PerJoint<DVec3>,
     /// Reference pose of the surface
     pub pose: ReferencePose,
 }

@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::TriMesh;
 
 use crate::SkinWeight;
-use crate::{Bone, Joint};
+use crate::{Bone, Joint, PerBone, PerJoint};
 
 /// Height range searched for the nose, as shares of the head's height from below
 ///
@@ -50,14 +50,13 @@ const FOOT_POINT_HEIGHT: f64 = 0.0128;
 pub(crate) fn find_keypoints(
     mesh: &TriMesh,
     weights: &[SkinWeight],
-    heads: &[DVec3; Bone::COUNT],
+    heads: &PerBone<DVec3>,
     eyes: [Option<DVec3>; 2],
-) -> [DVec3; Joint::COUNT] {
-    let mut points: [DVec3; Joint::COUNT] =
-        std::array::from_fn(|j| heads[Joint::ALL[j].bone() as usize]);
-    let head = |bone: Bone| heads[bone as usize];
-    points[Joint::Neck as usize] = (head(Bone::LeftUpperArm) + head(Bone::RightUpperArm)) / 2.0;
-    points[Joint::MidHip as usize] = (head(Bone::LeftThigh) + head(Bone::RightThigh)) / 2.0;
+) -> PerJoint<DVec3> {
+    let mut points = PerJoint::from_fn(|joint| heads[joint.bone()]);
+    let head = |bone: Bone| heads[bone];
+    points[Joint::Neck] = (head(Bone::LeftUpperArm) + head(Bone::RightUpperArm)) / 2.0;
+    points[Joint::MidHip] = (head(Bone::LeftThigh) + head(Bone::RightThigh)) / 2.0;
 
     let stature = mesh.bounds().map_or(0.0, |(low, high)| high.y - low.y);
     let of_bone = |bone: Bone| -> Vec<DVec3> {
@@ -69,15 +68,9 @@ pub(crate) fn find_keypoints(
     };
     let skull = head(Bone::Head);
     if let Some(face) = Face::find(mesh, weights, &of_bone(Bone::Head), skull, stature, eyes) {
-        points[Joint::Nose as usize] = face.nose;
-        [
-            points[Joint::LeftEye as usize],
-            points[Joint::RightEye as usize],
-        ] = face.eyes;
-        [
-            points[Joint::LeftEar as usize],
-            points[Joint::RightEar as usize],
-        ] = face.ears;
+        points[Joint::Nose] = face.nose;
+        [points[Joint::LeftEye], points[Joint::RightEye]] = face.eyes;
+        [points[Joint::LeftEar], points[Joint::RightEar]] = face.ears;
     }
     for (bone, big, small, heel, outward) in [
         (
@@ -97,11 +90,7 @@ pub(crate) fn find_keypoints(
     ] {
         let foot = triangles_of(mesh, weights, bone);
         if let Some(found) = foot_points(&foot, head(bone), outward, stature) {
-            [
-                points[big as usize],
-                points[small as usize],
-                points[heel as usize],
-            ] = found;
+            [points[big], points[small], points[heel]] = found;
         }
     }
     points

@@ -6,8 +6,8 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-use crate::Bone;
 use crate::TurnAngle;
+use crate::{Bone, PerBone};
 
 /// One pose of the body, relative to the reference pose
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,7 +15,7 @@ pub struct Pose {
     /// Rotation vector of each bone about its head, along the axes of the reference pose, in radians
     ///
     /// The root's is the lean of the complete body about the origin, along the axes of the room, after the turn.
-    pub rotations: [DVec3; Bone::COUNT],
+    pub rotations: PerBone<DVec3>,
     /// Shift of the complete body in the room, in mm
     pub shift_mm: DVec3,
 }
@@ -23,7 +23,7 @@ pub struct Pose {
 impl Default for Pose {
     fn default() -> Self {
         Self {
-            rotations: [DVec3::ZERO; Bone::COUNT],
+            rotations: PerBone::splat(DVec3::ZERO),
             shift_mm: DVec3::ZERO,
         }
     }
@@ -32,6 +32,11 @@ impl Default for Pose {
 impl Pose {
     /// Number of parameters: three rotations per bone, bone by bone, then the shift
     pub const PARAMETER_COUNT: usize = 3 * Bone::COUNT + 3;
+
+    /// Returns the index of the first of a bone's three rotations
+    pub const fn first_parameter(bone: Bone) -> usize {
+        3 * bone as usize
+    }
 
     /// Returns all parameters: rotations in radians, bone by bone, then the shift in mm
     pub fn to_parameters(&self) -> [f64; Self::PARAMETER_COUNT] {
@@ -74,7 +79,7 @@ impl Pose {
                 Bone::LeftShin | Bone::RightShin => [3.0, 1.0, 1.0],
                 Bone::LeftFoot | Bone::RightFoot => [2.0, 2.0, 2.0],
             };
-            sigmas.rotations[bone as usize] = DVec3::from_array(degrees.map(f64::to_radians));
+            sigmas.rotations[bone] = DVec3::from_array(degrees.map(f64::to_radians));
         }
         sigmas.shift_mm = DVec3::new(40.0, 8.0, 45.0);
         sigmas.to_parameters()
@@ -85,8 +90,8 @@ impl Pose {
 #[derive(Debug, Clone)]
 pub struct PosedBones {
     /// `room_from_reference`, one per bone
-    pub transforms: [DAffine3; Bone::COUNT],
-    heads: [DVec3; Bone::COUNT],
+    pub transforms: PerBone<DAffine3>,
+    heads: PerBone<DVec3>,
     pose: Pose,
 }
 
@@ -118,23 +123,22 @@ impl Motion {
 }
 
 /// Poses the bones: `heads` are the bone heads in the reference pose (world frame, mm)
-pub fn pose_bones(heads: &[DVec3; Bone::COUNT], pose: &Pose, turn: TurnAngle) -> PosedBones {
-    let mut transforms = [DAffine3::IDENTITY; Bone::COUNT];
+pub fn pose_bones(heads: &PerBone<DVec3>, pose: &Pose, turn: TurnAngle) -> PosedBones {
+    let mut transforms = PerBone::splat(DAffine3::IDENTITY);
     for bone in Bone::ALL {
-        let index = bone as usize;
-        let rotation = DMat3::from_quat(DQuat::from_scaled_axis(pose.rotations[index]));
-        transforms[index] = match bone.parent() {
+        let rotation = DMat3::from_quat(DQuat::from_scaled_axis(pose.rotations[bone]));
+        transforms[bone] = match bone.parent() {
             None => DAffine3 {
                 matrix3: rotation * turn.room_from_world(),
                 translation: pose.shift_mm,
             },
             Some(parent) => {
-                let head = heads[index];
+                let head = heads[bone];
                 let local = DAffine3 {
                     matrix3: rotation,
                     translation: head - rotation * head,
                 };
-                transforms[parent as usize] * local
+                transforms[parent] * local
             }
         };
     }
@@ -148,12 +152,12 @@ pub fn pose_bones(heads: &[DVec3; Bone::COUNT], pose: &Pose, turn: TurnAngle) ->
 impl PosedBones {
     /// Maps a point of the reference pose that belongs to one bone into the room
     pub fn carry(&self, bone: Bone, point: DVec3) -> DVec3 {
-        self.transforms[bone as usize].transform_point3(point)
+        self.transforms[bone].transform_point3(point)
     }
 
     /// Returns the bone's head in the room
     pub fn head(&self, bone: Bone) -> DVec3 {
-        self.carry(bone, self.heads[bone as usize])
+        self.carry(bone, self.heads[bone])
     }
 
     /// Blends the bones' transforms for one skinned vertex (linear blend skinning)
@@ -161,7 +165,7 @@ impl PosedBones {
         let mut matrix3 = DMat3::ZERO;
         let mut translation = DVec3::ZERO;
         for (bone, w) in weight.iter() {
-            let transform = &self.transforms[bone as usize];
+            let transform = &self.transforms[bone];
             matrix3 += transform.matrix3 * w;
             translation += transform.translation * w;
         }
@@ -197,14 +201,14 @@ impl PosedBones {
             };
         }
         let bone = Bone::ALL[parameter / 3];
-        let local = rotation_rate(self.pose.rotations[bone as usize], k);
+        let local = rotation_rate(self.pose.rotations[bone], k);
         match bone.parent() {
             None => Motion::Rotation {
                 axis: local,
                 pivot: self.pose.shift_mm,
             },
             Some(parent) => Motion::Rotation {
-                axis: self.transforms[parent as usize].matrix3 * local,
+                axis: self.transforms[parent].matrix3 * local,
                 pivot: self.head(bone),
             },
         }
@@ -241,15 +245,15 @@ impl SkinWeight {
     }
 
     /// Keeps the four largest weights and normalizes their sum to 1; rigid to the root when none is positive
-    pub fn from_all(all: &[f64; Bone::COUNT]) -> Self {
-        let mut order: [usize; Bone::COUNT] = std::array::from_fn(|i| i);
+    pub fn from_all(all: &PerBone<f64>) -> Self {
+        let mut order = Bone::ALL;
         order.sort_by(|&a, &b| all[b].total_cmp(&all[a]));
         let sum: f64 = order[..4].iter().map(|&b| all[b].max(0.0)).sum();
         if !(sum.is_finite() && sum > 0.0) {
             return Self::rigid(Bone::Root);
         }
         Self {
-            bones: std::array::from_fn(|i| Bone::ALL[order[i]]),
+            bones: std::array::from_fn(|i| order[i]),
             weights: std::array::from_fn(|i| all[order[i]].max(0.0) / sum),
         }
     }
@@ -295,9 +299,9 @@ impl SkinWeight {
 mod tests {
     use super::*;
 
-    fn heads() -> [DVec3; Bone::COUNT] {
-        std::array::from_fn(|i| {
-            let t = i as f64;
+    fn heads() -> PerBone<DVec3> {
+        PerBone::from_fn(|bone| {
+            let t = f64::from(bone as u8);
             DVec3::new((t * 37.0) % 300.0 - 150.0, 100.0 * t, (t * 13.0) % 70.0)
         })
     }
@@ -354,17 +358,17 @@ mod tests {
 
     #[test]
     fn weights_keep_the_four_largest_and_sum_to_one() {
-        let mut all = [0.0; Bone::COUNT];
-        all[3] = 2.0;
-        all[7] = 1.0;
-        all[9] = 1.0;
-        all[10] = 3.0;
-        all[11] = 0.5;
+        let mut all = PerBone::splat(0.0);
+        all[Bone::Neck] = 2.0;
+        all[Bone::LeftForearm] = 1.0;
+        all[Bone::LeftThigh] = 1.0;
+        all[Bone::LeftShin] = 3.0;
+        all[Bone::LeftFoot] = 0.5;
         let weight = SkinWeight::from_all(&all);
         assert!((weight.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() < 1e-12);
         assert!(weight.of(Bone::LeftFoot).abs() < 1e-12);
         assert_eq!(weight.strongest(), Bone::LeftShin);
-        let nan = SkinWeight::from_all(&[f64::NAN; Bone::COUNT]);
+        let nan = SkinWeight::from_all(&PerBone::splat(f64::NAN));
         assert_eq!(nan, SkinWeight::rigid(Bone::Root));
     }
 }

@@ -2,6 +2,10 @@
 
 use glam::DVec2;
 
+mod per_joint;
+
+pub use per_joint::{PerBone, PerJoint};
+
 /// A joint or face point of OpenPose's BODY_25 model, in its order; left and right are the person's own
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
@@ -272,7 +276,7 @@ pub struct Keypoint {
 /// All joints of one person in one photo
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Keypoints {
-    points: [Keypoint; Joint::COUNT],
+    points: PerJoint<Keypoint>,
 }
 
 impl Keypoints {
@@ -281,19 +285,19 @@ impl Keypoints {
     /// OpenPose itself drops peaks below 0.05.
     pub const MIN_CONFIDENCE: f64 = 0.05;
 
-    /// One keypoint per joint, in BODY_25 order
-    pub fn new(points: [Keypoint; Joint::COUNT]) -> Self {
+    /// One keypoint per joint
+    pub fn new(points: PerJoint<Keypoint>) -> Self {
         Self { points }
     }
 
     /// Returns the joint as detected, regardless of its confidence
     pub fn get(&self, joint: Joint) -> Keypoint {
-        self.points[joint as usize]
+        self.points[joint]
     }
 
     /// Replaces one joint
     pub fn set(&mut self, joint: Joint, keypoint: Keypoint) {
-        self.points[joint as usize] = keypoint;
+        self.points[joint] = keypoint;
     }
 
     /// Returns the joint if it was found

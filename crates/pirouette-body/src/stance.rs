@@ -4,7 +4,7 @@ use glam::{DQuat, DVec3};
 
 use crate::Bone;
 use crate::TurnAngle;
-use crate::{Avatar, ReferencePose};
+use crate::{Avatar, PerBone, ReferencePose};
 use crate::{Pose, pose_bones};
 
 /// Arms within this angle of the requested pose are left unchanged
@@ -52,8 +52,8 @@ fn lift_arms(avatar: &mut Avatar, angle_degrees: f64) {
         let lift = angle - angle_degrees;
         if lift.abs() > TOLERANCE_DEGREES {
             let rotation = DVec3::Z * (lift.to_radians() * outward);
-            pose.rotations[clavicle as usize] = rotation * CLAVICLE_LIFT_SHARE;
-            pose.rotations[upper_arm as usize] = rotation * (1.0 - CLAVICLE_LIFT_SHARE);
+            pose.rotations[clavicle] = rotation * CLAVICLE_LIFT_SHARE;
+            pose.rotations[upper_arm] = rotation * (1.0 - CLAVICLE_LIFT_SHARE);
         }
     }
     apply(avatar, &pose);
@@ -76,14 +76,14 @@ fn bend_elbows(avatar: &mut Avatar, bend_degrees: f64) {
             let (sin, cos) = bend_degrees.to_radians().sin_cos();
             let wanted = frontal * cos + DVec3::Z * sin;
             let turn = DQuat::from_rotation_arc(along, wanted);
-            pose.rotations[forearm as usize] = turn.to_scaled_axis();
+            pose.rotations[forearm] = turn.to_scaled_axis();
         }
     }
     apply(avatar, &pose);
 }
 
 fn head(avatar: &Avatar, bone: Bone) -> DVec3 {
-    avatar.bone_heads[bone as usize]
+    avatar.bone_heads[bone]
 }
 
 fn apply(avatar: &mut Avatar, pose: &Pose) {
@@ -92,5 +92,5 @@ fn apply(avatar: &mut Avatar, pose: &Pose) {
     }
     let posed = pose_bones(&avatar.bone_heads, pose, TurnAngle::default());
     avatar.mesh.positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
-    avatar.bone_heads = Bone::ALL.map(|bone| posed.head(bone));
+    avatar.bone_heads = PerBone::from_fn(|bone| posed.head(bone));
 }

@@ -525,7 +525,7 @@ fn view_value(view: &View, found: &SolvedView) -> Value {
         let rotations = Bone::ALL
             .iter()
             .map(|&bone| {
-                let degrees = pose.rotations[bone as usize].to_array();
+                let degrees = pose.rotations[bone].to_array();
                 let degrees = degrees.map(|r| rounded(r.to_degrees(), 2));
                 (bone.name().to_owned(), json!(degrees))
             })
@@ -540,7 +540,7 @@ fn view_value(view: &View, found: &SolvedView) -> Value {
 
 fn joints_value(joints: &JointPositions, scale: DVec2) -> Value {
     let entries = Joint::ALL.iter().filter_map(|&joint| {
-        let p = joints[joint as usize]? * scale;
+        let p = joints[joint]? * scale;
         let entry = json!([rounded(p.x, 2), rounded(p.y, 2)]);
         Some((joint.name().to_owned(), entry))
     });

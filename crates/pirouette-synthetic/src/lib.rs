@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use pirouette::scan::{CameraSetup, Photo, Scan, StatureFrom, Subject, View};
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
-use pirouette_body::{Avatar, render};
+use pirouette_body::{Avatar, PerBone, PerJoint, render};
 use pirouette_body::{Bone, Joint, Keypoint, Keypoints};
 use pirouette_body::{Pose, PosedBones, pose_bones};
 
@@ -191,17 +191,17 @@ fn detect(
 ) -> Keypoints {
     let visible = render::visible_bones(avatar, posed, camera);
     let scale = camera.focal_px() * avatar.stature_mm() / camera.distance_mm / 800.0;
-    let mut points = [Keypoint::default(); Joint::COUNT];
+    let mut points = PerJoint::splat(Keypoint::default());
     for joint in Joint::ALL {
-        let place = posed.carry(joint.bone(), avatar.keypoints[joint as usize]);
-        let seen = visible[joint.bone() as usize] && !faces_away(joint, posed);
+        let place = posed.carry(joint.bone(), avatar.keypoints[joint]);
+        let seen = visible[joint.bone()] && !faces_away(joint, posed);
         let sigma = noise_px * scale * if seen { 1.0 } else { 3.0 };
         let confidence = if seen {
             random.between(0.72, 0.95)
         } else {
             random.between(0.35, 0.65)
         };
-        points[joint as usize] = Keypoint {
+        points[joint] = Keypoint {
             position: camera.project(place) + DVec2::new(random.normal(), random.normal()) * sigma,
             confidence,
         };
@@ -210,8 +210,8 @@ fn detect(
         (Joint::Neck, Joint::LeftShoulder, Joint::RightShoulder),
         (Joint::MidHip, Joint::LeftHip, Joint::RightHip),
     ] {
-        let (a, b) = (points[a as usize], points[b as usize]);
-        points[middle as usize] = Keypoint {
+        let (a, b) = (points[a], points[b]);
+        points[middle] = Keypoint {
             position: (a.position + b.position) / 2.0,
             confidence: a.confidence.min(b.confidence),
         };
@@ -227,7 +227,7 @@ fn faces_away(joint: Joint, posed: &PosedBones) -> bool {
         Joint::RightEar => DVec3::NEG_X,
         _ => return false,
     };
-    let head: DMat3 = posed.transforms[Bone::Head as usize].matrix3;
+    let head: DMat3 = posed.transforms[Bone::Head].matrix3;
     (head * outward).z < -0.1
 }
 
@@ -245,14 +245,13 @@ fn expose(light: &Grid<[f32; 3]>, noise: f64, random: &mut Random) -> Photo {
 pub fn with_posture(avatar: &Avatar, rotations: &[(Bone, DVec3)]) -> Avatar {
     let mut pose = Pose::default();
     for &(bone, rotation) in rotations {
-        pose.rotations[bone as usize] = rotation;
+        pose.rotations[bone] = rotation;
     }
     let posed = pose_bones(&avatar.bone_heads, &pose, TurnAngle::default());
     let mut moved = avatar.clone();
     moved.mesh.positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
-    moved.bone_heads = std::array::from_fn(|b| posed.head(Bone::ALL[b]));
-    moved.keypoints =
-        std::array::from_fn(|j| posed.carry(Joint::ALL[j].bone(), avatar.keypoints[j]));
+    moved.bone_heads = PerBone::from_fn(|bone| posed.head(bone));
+    moved.keypoints = PerJoint::from_fn(|j| posed.carry(j.bone(), avatar.keypoints[j]));
     let low = moved.mesh.bounds().map_or(0.0, |(low, _)| low.y);
     let lift = DVec3::new(0.0, -low, 0.0);
     for point in moved
@@ -297,9 +296,7 @@ mod tests {
             assert!(silhouette.iou(canonical) > 0.999);
         }
         let wrist = synthetic.scan.views[0].keypoints.get(Joint::LeftWrist);
-        let expected = truth
-            .camera
-            .project(avatar.keypoints[Joint::LeftWrist as usize]);
+        let expected = truth.camera.project(avatar.keypoints[Joint::LeftWrist]);
         assert!((wrist.position - expected).length() < 0.5);
     }
 
@@ -326,7 +323,7 @@ mod tests {
             .truth
             .poses
             .iter()
-            .map(|pose| pose.rotations[Bone::Root as usize].y)
+            .map(|pose| pose.rotations[Bone::Root].y)
             .collect();
         assert!(turned.iter().any(|angle| angle.abs() > 0.02), "{turned:?}");
     }

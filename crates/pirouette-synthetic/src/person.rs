@@ -33,8 +33,8 @@ impl Look {
     pub(super) fn new(avatar: &Avatar, seed: u64) -> Self {
         let random = &mut Random::new(seed ^ 0x00c1_07e5);
         let tone = random.between(0.25, 1.0);
-        let head = |bone: Bone| avatar.bone_heads[bone as usize];
-        let point = |joint: Joint| avatar.keypoints[joint as usize];
+        let head = |bone: Bone| avatar.bone_heads[bone];
+        let point = |joint: Joint| avatar.keypoints[joint];
         let segments = Bone::ALL
             .iter()
             .map(|&bone| {

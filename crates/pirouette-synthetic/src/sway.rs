@@ -33,7 +33,7 @@ pub(super) fn sway(turned_more: f64, scale: f64, random: &mut Random) -> Pose {
     let sigmas = Pose::prior_sigmas();
     let parameters = std::array::from_fn(|i| deviation(random) * sigmas[i] * scale * SWAY_SHARE);
     let mut pose = Pose::from_parameters(&parameters);
-    let root = &mut pose.rotations[Bone::Root as usize];
+    let root = &mut pose.rotations[Bone::Root];
     *root = (DQuat::from_scaled_axis(*root) * DQuat::from_rotation_y(turned_more)).to_scaled_axis();
     pose
 }
@@ -52,7 +52,7 @@ pub(super) fn stand(avatar: &Avatar, turn: TurnAngle, off_mm: DVec2, pose: &mut 
         let now = above_feet(avatar, turn, pose);
         let away = wanted - now;
         let lean = DVec3::new(away.z, 0.0, -away.x) / now.y.max(1.0);
-        let root = &mut pose.rotations[Bone::Root as usize];
+        let root = &mut pose.rotations[Bone::Root];
         *root = (DQuat::from_scaled_axis(lean) * DQuat::from_scaled_axis(*root)).to_scaled_axis();
     }
     let posed = pose_bones(&avatar.bone_heads, pose, turn);

@@ -16,7 +16,9 @@ use glam::{DAffine3, DMat4, DQuat, DVec3};
 
 use crate::Bone;
 use crate::SkinWeight;
-use crate::{Avatar, ReferencePose, TURNING_AXIS_BEHIND_HIPS, detector_points, stance};
+use crate::{
+    Avatar, PerBone, PerJoint, ReferencePose, TURNING_AXIS_BEHIND_HIPS, detector_points, stance,
+};
 use document::{Document, Node};
 use rig::{Rig, ancestors, is_optional, parents};
 use surface::Surface;
@@ -113,8 +115,8 @@ pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvat
         .map(|n| {
             ancestors(&parents, n)
                 .find_map(|a| {
-                    let index = bones.nodes.iter().position(|&node| node == Some(a))?;
-                    Some(Bone::ALL[index])
+                    let mut found = bones.nodes.pairs();
+                    found.find_map(|(bone, &node)| (node == Some(a)).then_some(bone))
                 })
                 .unwrap_or(Bone::Root)
         })
@@ -132,8 +134,8 @@ pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvat
     bones.heads.iter_mut().for_each(place);
     bones.eyes.iter_mut().flatten().for_each(place);
     surface.face_outward();
-    if bones.nodes[Bone::UpperSpine as usize].is_none() {
-        split_the_trunk(&mut surface, bones.heads[Bone::UpperSpine as usize].y);
+    if bones.nodes[Bone::UpperSpine].is_none() {
+        split_the_trunk(&mut surface, bones.heads[Bone::UpperSpine].y);
     }
 
     let (mesh, weights) = surface.into_mesh();
@@ -146,7 +148,7 @@ pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvat
         mesh,
         weights,
         bone_heads: bones.heads,
-        keypoints: [DVec3::ZERO; crate::Joint::COUNT],
+        keypoints: PerJoint::splat(DVec3::ZERO),
         pose,
     };
     put_on_the_axis(&mut avatar, &mut bones.eyes);
@@ -187,8 +189,8 @@ fn unit_quaternion(q: DQuat) -> DQuat {
 
 /// The nodes of our bones and their joint positions, in the file's world frame
 struct FoundBones {
-    nodes: [Option<usize>; Bone::COUNT],
-    heads: [DVec3; Bone::COUNT],
+    nodes: PerBone<Option<usize>>,
+    heads: PerBone<DVec3>,
     eyes: [Option<DVec3>; 2],
 }
 
@@ -213,18 +215,18 @@ fn find_bones(
     let at = |node: usize| world_from_node[node].w_axis.truncate();
 
     // The spine is the chain between hips and neck, regardless of its names.
-    let hips = nodes[Bone::Root as usize];
-    let top = nodes[Bone::Neck as usize].or(nodes[Bone::Head as usize]);
+    let hips = nodes[Bone::Root];
+    let top = nodes[Bone::Neck].or(nodes[Bone::Head]);
     if let (Some(hips), Some(top)) = (hips, top) {
         let mut spine: Vec<usize> = ancestors(parents, top)
             .skip(1)
             .take_while(|&n| n != hips)
             .collect();
         spine.reverse();
-        nodes[Bone::LowerSpine as usize] = spine.first().copied();
+        nodes[Bone::LowerSpine] = spine.first().copied();
         let turn = at(hips).lerp(at(top), UPPER_SPINE_SHARE);
         let distance = |n: &usize| (at(*n) - turn).length();
-        nodes[Bone::UpperSpine as usize] = spine
+        nodes[Bone::UpperSpine] = spine
             .iter()
             .skip(1)
             .copied()
@@ -233,27 +235,24 @@ fn find_bones(
     let between = |bone: Bone| bone == Bone::LowerSpine && (hips.is_none() || top.is_none());
     let missing: Vec<Bone> = Bone::ALL
         .into_iter()
-        .filter(|&bone| nodes[bone as usize].is_none() && !is_optional(bone) && !between(bone))
+        .filter(|&bone| nodes[bone].is_none() && !is_optional(bone) && !between(bone))
         .collect();
     if !missing.is_empty() {
         return Err(LoadAvatarError::MissingJoints { missing });
     }
 
     let mut heads = nodes.map(|node| node.map_or(DVec3::ZERO, at));
-    let mid_shoulders =
-        (heads[Bone::LeftUpperArm as usize] + heads[Bone::RightUpperArm as usize]) / 2.0;
+    let mid_shoulders = (heads[Bone::LeftUpperArm] + heads[Bone::RightUpperArm]) / 2.0;
     for bone in Bone::ALL {
-        if nodes[bone as usize].is_some() {
+        if nodes[bone].is_some() {
             continue;
         }
-        let (root, head) = (heads[Bone::Root as usize], heads[Bone::Head as usize]);
-        heads[bone as usize] = match bone {
+        let (root, head) = (heads[Bone::Root], heads[Bone::Head]);
+        heads[bone] = match bone {
             Bone::UpperSpine => root.lerp(mid_shoulders, UPPER_SPINE_SHARE),
             Bone::Neck => mid_shoulders.lerp(head, 0.4),
-            Bone::LeftClavicle => {
-                mid_shoulders.lerp(heads[Bone::LeftUpperArm as usize], CLAVICLE_SHARE)
-            }
-            _ => mid_shoulders.lerp(heads[Bone::RightUpperArm as usize], CLAVICLE_SHARE),
+            Bone::LeftClavicle => mid_shoulders.lerp(heads[Bone::LeftUpperArm], CLAVICLE_SHARE),
+            _ => mid_shoulders.lerp(heads[Bone::RightUpperArm], CLAVICLE_SHARE),
         };
     }
     Ok(FoundBones {
@@ -265,8 +264,8 @@ fn find_bones(
 
 /// Returns the transform to millimeters that turns the body about the vertical so that the left hip and shoulder lie
 /// towards +x
-fn upright_and_facing(heads: &[DVec3; Bone::COUNT]) -> Result<DAffine3, LoadAvatarError> {
-    let across = |left: Bone, right: Bone| heads[left as usize] - heads[right as usize];
+fn upright_and_facing(heads: &PerBone<DVec3>) -> Result<DAffine3, LoadAvatarError> {
+    let across = |left: Bone, right: Bone| heads[left] - heads[right];
     let left =
         across(Bone::LeftThigh, Bone::RightThigh) + across(Bone::LeftUpperArm, Bone::RightUpperArm);
     if !(left.is_finite() && left.x.hypot(left.z) > 0.0) {
@@ -285,9 +284,9 @@ fn upright_and_facing(heads: &[DVec3; Bone::COUNT]) -> Result<DAffine3, LoadAvat
 fn split_the_trunk(surface: &mut Surface, height_mm: f64) {
     for (p, weight) in surface.positions.iter().zip(&mut surface.weights) {
         let t = ((p.y - height_mm) / (2.0 * SPINE_BLEND_MM) + 0.5).clamp(0.0, 1.0);
-        let moved = weight[Bone::LowerSpine as usize] * t * t * (3.0 - 2.0 * t);
-        weight[Bone::LowerSpine as usize] -= moved;
-        weight[Bone::UpperSpine as usize] += moved;
+        let moved = weight[Bone::LowerSpine] * t * t * (3.0 - 2.0 * t);
+        weight[Bone::LowerSpine] -= moved;
+        weight[Bone::UpperSpine] += moved;
     }
 }
 
@@ -297,7 +296,7 @@ fn put_on_the_axis(avatar: &mut Avatar, eyes: &mut [Option<DVec3>; 2]) {
         return;
     };
     let heads = &avatar.bone_heads;
-    let hips = (heads[Bone::LeftThigh as usize] + heads[Bone::RightThigh as usize]) / 2.0;
+    let hips = (heads[Bone::LeftThigh] + heads[Bone::RightThigh]) / 2.0;
     let axis_z = hips.z - TURNING_AXIS_BEHIND_HIPS * (high.y - low.y);
     let shift = -DVec3::new(hips.x, low.y, axis_z);
     for p in avatar
@@ -312,7 +311,7 @@ fn put_on_the_axis(avatar: &mut Avatar, eyes: &mut [Option<DVec3>; 2]) {
 }
 
 /// Weights of all bones while they are accumulated
-type AllWeights = [f64; Bone::COUNT];
+type AllWeights = PerBone<f64>;
 
 fn skin_weights(all: &[AllWeights]) -> Vec<SkinWeight> {
     all.iter().map(SkinWeight::from_all).collect()

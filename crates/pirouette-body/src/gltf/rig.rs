@@ -3,13 +3,13 @@
 use serde_json::Value;
 
 use super::document::{Document, Node};
-use crate::Bone;
+use crate::{Bone, PerBone};
 
 /// The relevant nodes of a rig
 #[derive(Debug, Clone)]
 pub(super) struct Rig {
     /// One node per bone, where the rig has it
-    pub(super) bones: [Option<usize>; Bone::COUNT],
+    pub(super) bones: PerBone<Option<usize>>,
     /// Eyeballs, left and right
     pub(super) eyes: [Option<usize>; 2],
 }
@@ -199,10 +199,10 @@ impl Rig {
                 Some(*node)
             })
         };
-        let mut bones = [None; Bone::COUNT];
+        let mut bones = PerBone::splat(None);
         for bone in Bone::ALL {
             if let Some((part, side)) = part_of(bone) {
-                bones[bone as usize] = find(part, side);
+                bones[bone] = find(part, side);
             }
         }
         Self {
@@ -229,9 +229,9 @@ impl Rig {
             let node = entry.get("node").and_then(Value::as_u64)? as usize;
             (node < document.root.nodes.len()).then_some(node)
         };
-        let mut bones = [None; Bone::COUNT];
+        let mut bones = PerBone::splat(None);
         for bone in Bone::ALL {
-            bones[bone as usize] = vrm_name(bone).and_then(node_of);
+            bones[bone] = vrm_name(bone).and_then(node_of);
         }
         Some(Self {
             bones,
@@ -358,9 +358,9 @@ mod tests {
             "LeftLeg",
             "LeftFoot",
         ]);
-        assert_eq!(bones.bones[Bone::LeftClavicle as usize], Some(3));
-        assert_eq!(bones.bones[Bone::LeftUpperArm as usize], Some(4));
-        assert_eq!(bones.bones[Bone::LeftShin as usize], Some(8));
+        assert_eq!(bones.bones[Bone::LeftClavicle], Some(3));
+        assert_eq!(bones.bones[Bone::LeftUpperArm], Some(4));
+        assert_eq!(bones.bones[Bone::LeftShin], Some(8));
         let joints = rig(&[
             "Pelvis",
             "Neck",
@@ -373,15 +373,15 @@ mod tests {
             "L_Knee",
             "L_Ankle",
         ]);
-        assert_eq!(joints.bones[Bone::LeftClavicle as usize], Some(3));
-        assert_eq!(joints.bones[Bone::LeftUpperArm as usize], Some(4));
-        assert_eq!(joints.bones[Bone::LeftShin as usize], Some(8));
+        assert_eq!(joints.bones[Bone::LeftClavicle], Some(3));
+        assert_eq!(joints.bones[Bone::LeftUpperArm], Some(4));
+        assert_eq!(joints.bones[Bone::LeftShin], Some(8));
     }
 
     #[test]
     fn the_hips_take_precedence_over_a_root_on_the_floor() {
         let rig = rig(&["root", "pelvis", "thigh_l"]);
-        assert_eq!(rig.bones[Bone::Root as usize], Some(1));
+        assert_eq!(rig.bones[Bone::Root], Some(1));
     }
 
     #[test]

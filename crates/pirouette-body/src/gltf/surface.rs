@@ -7,8 +7,8 @@ use pirouette_geom::TriMesh;
 
 use super::document::{Document, Primitive};
 use super::{AllWeights, LoadAvatarError, skin_weights};
-use crate::Bone;
 use crate::SkinWeight;
+use crate::{Bone, PerBone};
 
 /// Vertices on open borders closer than about this, in the file's unit, are merged
 ///
@@ -111,7 +111,7 @@ impl Surface {
 
         let first = self.positions.len() as u32;
         for (v, position) in positions.iter().enumerate() {
-            let (mut all, mut skinned, mut sum) = ([0.0; Bone::COUNT], DVec3::ZERO, 0.0);
+            let (mut all, mut skinned, mut sum) = (PerBone::splat(0.0), DVec3::ZERO, 0.0);
             let position = DVec3::from_array(*position);
             for (joint_sets, weight_sets) in &influences {
                 for (&joint, &weight) in joint_sets[v].iter().zip(&weight_sets[v]) {
@@ -120,7 +120,7 @@ impl Surface {
                         continue;
                     }
                     let &(transform, bone) = joints.get(joint as usize).ok_or_else(fail)?;
-                    all[bone as usize] += weight;
+                    all[bone] += weight;
                     skinned += transform.transform_point3(position) * weight;
                     sum += weight;
                 }

@@ -256,7 +256,7 @@ fn load(body: &TestBody, pose: ReferencePose) -> Avatar {
 }
 
 fn direction(avatar: &Avatar, from: Bone, to: Bone) -> DVec3 {
-    let d = avatar.bone_heads[to as usize] - avatar.bone_heads[from as usize];
+    let d = avatar.bone_heads[to] - avatar.bone_heads[from];
     d / d.length()
 }
 
@@ -272,14 +272,14 @@ fn joints_are_at_the_positions_of_the_file() {
     ] {
         let shift = DVec3::Z * TURNING_AXIS_BEHIND_HIPS * 1750.0;
         let expected = joint(bone, 0.0) * 1000.0 + shift;
-        let found = avatar.bone_heads[bone as usize];
+        let found = avatar.bone_heads[bone];
         assert!((found - expected).length() < 1e-3, "{bone:?} {found}");
     }
-    let nose = avatar.keypoints[Joint::Nose as usize];
-    let ear = avatar.keypoints[Joint::LeftEar as usize];
+    let nose = avatar.keypoints[Joint::Nose];
+    let ear = avatar.keypoints[Joint::LeftEar];
     assert!(nose.z > 90.0 && nose.x.abs() < 1e-9 && ear.x > 70.0);
-    let toe = avatar.keypoints[Joint::LeftBigToe as usize];
-    let heel = avatar.keypoints[Joint::LeftHeel as usize];
+    let toe = avatar.keypoints[Joint::LeftBigToe];
+    let heel = avatar.keypoints[Joint::LeftHeel];
     assert!(toe.z > 100.0 && heel.z < -60.0 && toe.y < 40.0);
 }
 
@@ -388,11 +388,11 @@ fn missing_clavicles_neck_and_upper_spine_are_inferred() {
         ..TestBody::default()
     };
     let avatar = load(&body, ReferencePose::A);
-    let y = |bone: Bone| avatar.bone_heads[bone as usize].y;
+    let y = |bone: Bone| avatar.bone_heads[bone].y;
     assert!(y(Bone::LowerSpine) < y(Bone::UpperSpine) && y(Bone::UpperSpine) < y(Bone::Neck));
     assert!(y(Bone::Neck) < y(Bone::Head));
-    let clavicle = avatar.bone_heads[Bone::LeftClavicle as usize];
-    assert!(clavicle.x > 0.0 && clavicle.x < avatar.bone_heads[Bone::LeftUpperArm as usize].x);
+    let clavicle = avatar.bone_heads[Bone::LeftClavicle];
+    assert!(clavicle.x > 0.0 && clavicle.x < avatar.bone_heads[Bone::LeftUpperArm].x);
     let chest = avatar
         .weights
         .iter()
@@ -452,10 +452,10 @@ fn loose_parts_are_dropped_when_one_part_is_the_complete_body() {
 #[test]
 fn scaling_keeps_the_shape() {
     let avatar = load(&TestBody::default(), ReferencePose::A);
-    let head = avatar.bone_heads[Bone::Head as usize];
+    let head = avatar.bone_heads[Bone::Head];
     let twice = avatar.clone().scaled_to(3500.0);
     assert!((twice.stature_mm() - 3500.0).abs() < 1e-6);
-    assert!((twice.bone_heads[Bone::Head as usize] - head * 2.0).length() < 1e-3);
+    assert!((twice.bone_heads[Bone::Head] - head * 2.0).length() < 1e-3);
     twice.check().unwrap();
 }
 

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::proportions::Proportions;
-use crate::Bone;
+use crate::{Bone, PerBone};
 
 /// Pose of the arms
 #[derive(Debug, Clone, Copy)]
@@ -135,7 +135,7 @@ impl Frame {
     }
 
     /// Returns the heads of all bones
-    pub(super) fn bone_heads(&self) -> [DVec3; Bone::COUNT] {
+    pub(super) fn bone_heads(&self) -> PerBone<DVec3> {
         let m = self.permille_mm;
         let middle = |y: f64, z: f64| DVec3::new(0.0, y, self.plumb_z + z * m);
         let left = |bone: Bone| -> DVec3 {
@@ -160,8 +160,7 @@ impl Frame {
                 _ => self.ankle,
             }
         };
-        std::array::from_fn(|i| {
-            let bone = Bone::ALL[i];
+        PerBone::from_fn(|bone| {
             let side = bone.min(bone.mirrored());
             let head = left(side);
             if side == bone {

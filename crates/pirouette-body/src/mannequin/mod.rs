@@ -38,7 +38,7 @@ use self::shape::{Anatomy, GirthScales, LEAN_BMI, build};
 use self::surface::{Grid, Lenses, extract};
 use self::weights::skin_weight;
 use crate::Joint;
-use crate::{Avatar, ReferencePose, Sex};
+use crate::{Avatar, PerJoint, ReferencePose, Sex};
 
 /// Proportions and stance of a mannequin
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -307,7 +307,7 @@ impl Body {
         }
     }
 
-    fn keypoints(&self) -> [DVec3; Joint::COUNT] {
+    fn keypoints(&self) -> PerJoint<DVec3> {
         let (d, frame) = (&self.dimensions, &self.frame);
         let m = frame.permille_mm;
         let crown = frame.tragion.y + d.crown_to_tragion;
@@ -334,8 +334,7 @@ impl Body {
                 _ => frame.ankle,
             }
         };
-        std::array::from_fn(|i| {
-            let joint = Joint::ALL[i];
+        PerJoint::from_fn(|joint| {
             if joint.name().starts_with("right") {
                 let p = left(joint.mirrored());
                 DVec3::new(-p.x, p.y, p.z)

@@ -51,7 +51,7 @@ fn assert_valid(avatar: &Avatar, stature_mm: f64) {
 fn hips_are_in_front_of_the_turning_axis_as_in_imported_avatars() {
     for (sex, stature_mm) in [(Sex::Female, 1500.0), (Sex::Male, 1950.0)] {
         let avatar = person(sex, stature_mm, 24.0, ReferencePose::T);
-        let head = |bone: Bone| avatar.bone_heads[bone as usize];
+        let head = |bone: Bone| avatar.bone_heads[bone];
         let hips = (head(Bone::LeftThigh) + head(Bone::RightThigh)) / 2.0;
         let expected = crate::TURNING_AXIS_BEHIND_HIPS * stature_mm;
         assert!((hips.z - expected).abs() < 0.1, "{hips}");
@@ -94,7 +94,7 @@ fn assert_girths_follow_the_survey(sex: Sex, bmi: f64) {
     let mass_kg = bmi * (stature_mm / 1000.0).powi(2);
     let avatar = person(sex, stature_mm, bmi, ReferencePose::A);
     let d = Proportions::regressed(sex, stature_mm, mass_kg);
-    let head = |bone: Bone| avatar.bone_heads[bone as usize];
+    let head = |bone: Bone| avatar.bone_heads[bone];
     let trunk = [Bone::Root, Bone::LowerSpine, Bone::UpperSpine];
     let hips = [
         Bone::Root,
@@ -211,8 +211,8 @@ fn girths_and_volume_follow_the_survey_for_men() {
 fn the_arms_of_the_t_pose_are_level() {
     let avatar = person(Sex::Neutral, 1700.0, 22.0, ReferencePose::T);
     assert_valid(&avatar, 1700.0);
-    let [shoulder, elbow, wrist] = [Joint::LeftShoulder, Joint::LeftElbow, Joint::LeftWrist]
-        .map(|j| avatar.keypoints[j as usize]);
+    let [shoulder, elbow, wrist] =
+        [Joint::LeftShoulder, Joint::LeftElbow, Joint::LeftWrist].map(|j| avatar.keypoints[j]);
     assert!((shoulder.y - elbow.y).abs() < 1e-6 && (wrist.y - elbow.y).abs() < 1e-6);
     let (lo, hi) = avatar.mesh.bounds().unwrap();
     assert!(hi.x - lo.x > 1300.0);
@@ -260,7 +260,7 @@ fn impossible_parameters_are_rejected() {
 #[test]
 fn joints_are_at_anatomical_positions() {
     let avatar = person(Sex::Neutral, 1700.0, 22.0, ReferencePose::A);
-    let at = |joint: Joint| avatar.keypoints[joint as usize];
+    let at = |joint: Joint| avatar.keypoints[joint];
     assert!((at(Joint::MidHip) - at(Joint::LeftHip).midpoint(at(Joint::RightHip))).length() < 1e-9);
     assert!(
         (at(Joint::Neck) - at(Joint::LeftShoulder).midpoint(at(Joint::RightShoulder))).length()

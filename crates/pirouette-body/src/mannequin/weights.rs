@@ -4,8 +4,8 @@ use glam::DVec3;
 
 use super::field::{FAR, Field, Region, Sides, ramp};
 use super::frame::Frame;
-use crate::Bone;
 use crate::SkinWeight;
+use crate::{Bone, PerBone};
 
 /// Membership of a point in a part rather than another, by its distances to both
 ///
@@ -21,26 +21,21 @@ fn membership(distance: f64, other_distance: f64, width: f64) -> f64 {
 pub(super) fn skin_weight(
     field: &Field,
     frame: &Frame,
-    heads: &[DVec3; Bone::COUNT],
+    heads: &PerBone<DVec3>,
     vertex: DVec3,
 ) -> SkinWeight {
     let p = DVec3::new(vertex.x.abs(), vertex.y, vertex.z);
     let left = left_weights(field, frame, heads, p);
-    let mut all = [0.0; Bone::COUNT];
+    let mut all = PerBone::splat(0.0);
     for bone in Bone::ALL {
         let mirrored = bone.mirrored();
         let target = if vertex.x < 0.0 { mirrored } else { bone };
-        all[target as usize] += left[bone as usize];
+        all[target] += left[bone];
     }
     SkinWeight::from_all(&all)
 }
 
-fn left_weights(
-    field: &Field,
-    frame: &Frame,
-    heads: &[DVec3; Bone::COUNT],
-    p: DVec3,
-) -> [f64; Bone::COUNT] {
+fn left_weights(field: &Field, frame: &Frame, heads: &PerBone<DVec3>, p: DVec3) -> PerBone<f64> {
     let m = frame.permille_mm;
     let distance = |regions: &[Region]| field.value_of(p, |r| regions.contains(&r), Sides::Left);
     let trunk = distance(&[Region::Trunk]);
@@ -57,10 +52,10 @@ fn left_weights(
         frame.nape.y + 22.0 * m,
     );
 
-    let mut w = [0.0; Bone::COUNT];
+    let mut w = PerBone::splat(0.0);
     let mut rest = 1.0;
     let mut give = |bone: Bone, share: f64, rest: &mut f64| {
-        w[bone as usize] += share * *rest;
+        w[bone] += share * *rest;
         *rest -= share * *rest;
     };
 
@@ -112,8 +107,8 @@ fn left_weights(
     let clavicle = ramp(p.x, 0.2 * shoulder.x, 0.85 * shoulder.x)
         * ramp(p.y, shoulder.y - 60.0 * m, shoulder.y + 5.0 * m);
     give(Bone::LeftClavicle, clavicle, &mut rest);
-    let upper_spine = heads[Bone::UpperSpine as usize].y;
-    let lower_spine = heads[Bone::LowerSpine as usize].y;
+    let upper_spine = heads[Bone::UpperSpine].y;
+    let lower_spine = heads[Bone::LowerSpine].y;
     give(
         Bone::UpperSpine,
         ramp(p.y, upper_spine - 50.0 * m, upper_spine + 50.0 * m),

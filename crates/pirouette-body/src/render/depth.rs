@@ -6,10 +6,10 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::Grid;
 
 use super::{MIN_DEPTH_MM, SilhouetteMesh};
-use crate::Avatar;
 use crate::Bone;
 use crate::Camera;
 use crate::PosedBones;
+use crate::{Avatar, PerBone};
 
 /// Minimum share of a bone's surface not occluded by another part for the bone to count as visible
 ///
@@ -266,14 +266,14 @@ fn pixel_of(photo: DVec2, camera: &Camera) -> Option<(usize, usize)> {
 ///
 /// The far side of a limb does not count as occluded by the limb itself, by the bones adjacent to it, or by bones
 /// separated from it only by the spine: relevant is whether a photo shows the position of the limb.
-pub fn visible_shares(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> [f64; Bone::COUNT] {
+pub fn visible_shares(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> PerBone<f64> {
     let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
     let surface = nearest_surface(&positions, &avatar.mesh.triangles, camera);
     let bones: Vec<Bone> = avatar.weights.iter().map(|w| w.strongest()).collect();
-    let mut shown = [0usize; Bone::COUNT];
-    let mut total = [0usize; Bone::COUNT];
+    let mut shown = PerBone::splat(0usize);
+    let mut total = PerBone::splat(0usize);
     for (vertex, &bone) in see_all(&positions, camera).iter().zip(&bones) {
-        total[bone as usize] += 1;
+        total[bone] += 1;
         let Some(seen) = *vertex else {
             continue;
         };
@@ -287,13 +287,13 @@ pub fn visible_shares(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> [
                 let corner = avatar.mesh.triangles[triangle as usize][0];
                 !joined(bone, bones[corner as usize])
             };
-        shown[bone as usize] += usize::from(!hidden);
+        shown[bone] += usize::from(!hidden);
     }
-    std::array::from_fn(|i| {
-        if total[i] == 0 {
+    PerBone::from_fn(|bone| {
+        if total[bone] == 0 {
             0.0
         } else {
-            shown[i] as f64 / total[i] as f64
+            shown[bone] as f64 / total[bone] as f64
         }
     })
 }
@@ -305,7 +305,7 @@ fn joined(a: Bone, b: Bone) -> bool {
 }
 
 /// Returns which bones are visible: at least [`MIN_VISIBLE_SHARE`] of their surface is not occluded by another part
-pub fn visible_bones(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> [bool; Bone::COUNT] {
+pub fn visible_bones(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> PerBone<bool> {
     visible_shares(avatar, posed, camera).map(|share| share >= MIN_VISIBLE_SHARE)
 }
 
@@ -313,7 +313,7 @@ pub fn visible_bones(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> [b
 mod tests {
     use super::super::tests::{camera, sphere};
     use super::*;
-    use crate::Joint;
+    use crate::PerJoint;
     use crate::ReferencePose;
     use crate::TurnAngle;
     use crate::{Pose, SkinWeight, pose_bones};
@@ -428,8 +428,8 @@ mod tests {
                 triangles,
             },
             weights,
-            bone_heads: [DVec3::ZERO; Bone::COUNT],
-            keypoints: [DVec3::ZERO; Joint::COUNT],
+            bone_heads: PerBone::splat(DVec3::ZERO),
+            keypoints: PerJoint::splat(DVec3::ZERO),
             pose: ReferencePose::A,
         }
     }
@@ -446,10 +446,10 @@ mod tests {
             visible_bones(&avatar, &posed, &camera())
         };
         let front = seen(0.0);
-        assert!(front[Bone::LeftForearm as usize] && !front[Bone::RightThigh as usize]);
+        assert!(front[Bone::LeftForearm] && !front[Bone::RightThigh]);
         let side = seen(90.0);
-        assert!(side[Bone::LeftForearm as usize] && side[Bone::RightThigh as usize]);
-        assert!(!side[Bone::Head as usize], "no surface, not visible");
+        assert!(side[Bone::LeftForearm] && side[Bone::RightThigh]);
+        assert!(!side[Bone::Head], "no surface, not visible");
 
         let sharp = Camera {
             width_px: 800,

@@ -204,7 +204,7 @@ fn scene(number: u64, person: &Person) -> Scene {
             * REACH_PX
             * random.uniform().sqrt();
         farthest_px = f64::max(farthest_px, shift.length());
-        moved[joint as usize] = rest[joint as usize].map(|p| p + shift);
+        moved[joint] = rest[joint].map(|p| p + shift);
     }
     Scene {
         seen,

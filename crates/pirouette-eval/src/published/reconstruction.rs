@@ -9,7 +9,7 @@ use pirouette::view::SolvedView;
 use pirouette_body::Avatar;
 use pirouette_body::TurnAngle;
 use pirouette_body::render::silhouette;
-use pirouette_body::{Pose, pose_bones};
+use pirouette_body::{Bone, Pose, pose_bones};
 use pirouette_geom::TriMesh;
 use pirouette_geom::outline_map::OutlineMap;
 use serde_json::{Value, json};
@@ -298,7 +298,7 @@ fn picture_of(person: &Person, bodies: &[Option<TriMesh>]) -> Picture {
     let seen = |mesh: &TriMesh, degrees: f64| {
         let turn = TurnAngle::from_degrees(degrees);
         let posed = pose_bones(&person.figure.bone_heads, &Pose::default(), turn);
-        let root = posed.transforms[0];
+        let root = posed.transforms[Bone::Root];
         let positions: Vec<_> = mesh
             .positions
             .iter()

@@ -8,7 +8,7 @@ use pirouette::pipeline::CancelToken;
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
 use pirouette_body::render::silhouette;
-use pirouette_body::{Bone, Joint};
+use pirouette_body::{Bone, PerJoint};
 use pirouette_body::{Pose, pose_bones};
 use pirouette_geom::contour::trace_outline;
 use pirouette_geom::{Grid, Mask};
@@ -201,7 +201,7 @@ fn try_once(number: u64, person: &Person) -> Trial {
     let mut pose = Pose::default();
     for (bone, degrees) in bones.into_iter().zip(true_degrees) {
         // Clockwise in the picture is negative about the axis to the camera. What is found leads back.
-        pose.rotations[bone as usize] = DVec3::Z * degrees.to_radians();
+        pose.rotations[bone] = DVec3::Z * degrees.to_radians();
     }
     let near = camera_of(person.figure.stature_mm());
     let far = Camera {
@@ -223,7 +223,7 @@ fn try_once(number: u64, person: &Person) -> Trial {
             let (straight, bent, joints) = &scenes[usize::from(!condition.far)];
             let mut noise =
                 || DVec2::new(random.normal(), random.normal()) * condition.joint_noise_px;
-            let joints: [Option<DVec2>; Joint::COUNT] = joints.map(|p| Some(p + noise()));
+            let joints: PerJoint<Option<DVec2>> = joints.map(|p| Some(p + noise()));
             let contour: Vec<DVec2> = trace_outline(bent, 0.5)
                 .iter()
                 .flat_map(|contour| contour.resample(2.0).points)

@@ -416,7 +416,7 @@ fn register_once(
             (RightThigh, LEG_DEGREES),
         ] {
             let mut bend = || random.normal().clamp(-2.0, 2.0) * degrees.to_radians();
-            pose.rotations[bone as usize] = DVec3::new(bend(), 0.0, bend());
+            pose.rotations[bone] = DVec3::new(bend(), 0.0, bend());
         }
     }
     let camera = camera_of(figure.stature_mm());

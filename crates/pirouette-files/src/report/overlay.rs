@@ -10,7 +10,7 @@ use super::font::Lettering;
 use super::labels::{Entry, Legend};
 use super::{CONTOUR_COLOR, DETECTED_COLOR, SKELETON_LINES, TARGET_COLOR};
 use pirouette::scan::Photo;
-use pirouette_body::{Joint, Keypoints};
+use pirouette_body::{Keypoints, PerJoint};
 
 /// Contents of an overlay; `None` is not drawn
 #[derive(Debug, Clone, Copy)]
@@ -24,7 +24,7 @@ pub struct OverlayInput<'a> {
     /// The skeleton as detected
     pub detected: &'a Keypoints,
     /// The joints of the reference skeleton, in px of the photo
-    pub target: Option<&'a [DVec2; Joint::COUNT]>,
+    pub target: Option<&'a PerJoint<DVec2>>,
 }
 
 /// Tints of the seeds, with their strength; certain background is not tinted
@@ -72,7 +72,7 @@ pub fn overlay(input: &OverlayInput) -> Photo {
             disc(&mut photo, joint, 3.0 * unit, TARGET_COLOR);
         }
     }
-    let found = Joint::ALL.map(|joint| input.detected.found(joint));
+    let found = PerJoint::from_fn(|joint| input.detected.found(joint));
     let positions = found.map(|keypoint| keypoint.map(|k| k.position));
     draw_skeleton(&mut photo, &positions, 2.0 * unit, DETECTED_COLOR);
     for keypoint in found.into_iter().flatten() {
@@ -100,15 +100,10 @@ pub fn overlay(input: &OverlayInput) -> Photo {
 /// Keypoints above this confidence (0 to 1) are drawn large
 pub const SURE_CONFIDENCE: f64 = 0.5;
 
-fn draw_skeleton(
-    photo: &mut Photo,
-    joints: &[Option<DVec2>; Joint::COUNT],
-    width: f64,
-    color: Color,
-) {
+fn draw_skeleton(photo: &mut Photo, joints: &PerJoint<Option<DVec2>>, width: f64, color: Color) {
     let lines: Vec<[DVec2; 2]> = SKELETON_LINES
         .iter()
-        .filter_map(|[a, b]| Some([joints[*a as usize]?, joints[*b as usize]?]))
+        .filter_map(|[a, b]| Some([joints[*a]?, joints[*b]?]))
         .collect();
     stroke(photo, &lines, width, color);
 }
@@ -193,7 +188,7 @@ fn inside_count(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pirouette_body::Keypoint;
+    use pirouette_body::{Joint, Keypoint};
 
     fn keypoints(points: &[(Joint, f64, f64)]) -> Keypoints {
         let mut keypoints = Keypoints::default();
@@ -224,7 +219,7 @@ mod tests {
             (Joint::LeftKnee, 60.5, 250.0),
             (Joint::LeftAnkle, 60.5, 350.0),
         ]);
-        let target = [DVec2::new(150.0, 380.0); Joint::COUNT];
+        let target = PerJoint::splat(DVec2::new(150.0, 380.0));
         let drawn = overlay(&OverlayInput {
             photo: &photo,
             seeds: Some(&seeds),
@@ -286,7 +281,7 @@ mod tests {
                 seeds: Some(&seeds),
                 silhouette: None,
                 detected: &wild,
-                target: Some(&[DVec2::NAN; Joint::COUNT]),
+                target: Some(&PerJoint::splat(DVec2::NAN)),
             });
             assert!(drawn.same_size(&photo));
         }

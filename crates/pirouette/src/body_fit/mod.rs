@@ -27,7 +27,7 @@ use pirouette_body::Avatar;
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
 use pirouette_body::render::SilhouetteMesh;
-use pirouette_body::{Bone, Joint, Keypoints};
+use pirouette_body::{Bone, Joint, Keypoints, PerBone, PerJoint};
 use pirouette_body::{Pose, SkinWeight, pose_bones};
 use shape_step::ShapeSolver;
 use shared_step::{Reshape, SharedStep, arm_shares, step_together};
@@ -209,8 +209,8 @@ struct Body<'a> {
     /// The undisplaced surface
     rest: Vec<DVec3>,
     positions: Vec<DVec3>,
-    bone_heads: [DVec3; Bone::COUNT],
-    keypoints: [DVec3; Joint::COUNT],
+    bone_heads: PerBone<DVec3>,
+    keypoints: PerJoint<DVec3>,
 }
 
 impl<'a> Body<'a> {
@@ -237,8 +237,7 @@ impl<'a> Body<'a> {
     fn reshape_frame(&self, stature_mm: f64) -> Reshape {
         Reshape {
             stature_mm,
-            shoulders: [Bone::LeftUpperArm, Bone::RightUpperArm]
-                .map(|arm| self.bone_heads[arm as usize]),
+            shoulders: [Bone::LeftUpperArm, Bone::RightUpperArm].map(|arm| self.bone_heads[arm]),
         }
     }
 
@@ -255,10 +254,10 @@ impl<'a> Body<'a> {
             move_point(p, arms);
             move_point(rest, arms);
         }
-        for (bone, head) in Bone::ALL.into_iter().zip(&mut self.bone_heads) {
+        for (bone, head) in self.bone_heads.pairs_mut() {
             move_point(head, arm_shares(&SkinWeight::rigid(bone)));
         }
-        for (joint, point) in Joint::ALL.into_iter().zip(&mut self.keypoints) {
+        for (joint, point) in self.keypoints.pairs_mut() {
             move_point(point, arm_shares(&SkinWeight::rigid(joint.bone())));
         }
     }
@@ -268,8 +267,8 @@ impl<'a> Body<'a> {
         let posed = pose_bones(&self.bone_heads, pose, TurnAngle::default());
         self.rest = posed.skin(&self.rest, self.weights);
         self.positions = posed.skin(&self.positions, self.weights);
-        self.bone_heads = Bone::ALL.map(|bone| posed.head(bone));
-        self.keypoints = Joint::ALL.map(|j| posed.carry(j.bone(), self.keypoints[j as usize]));
+        self.bone_heads = PerBone::from_fn(|bone| posed.head(bone));
+        self.keypoints = PerJoint::from_fn(|j| posed.carry(j.bone(), self.keypoints[j]));
     }
 }
 
@@ -495,7 +494,7 @@ fn transfer_mean_pose(
 ) {
     let count = poses.len().max(1) as f64;
     let sum = |bone: Bone| {
-        let rotations = poses.iter().map(|pose| pose.rotations[bone as usize]);
+        let rotations = poses.iter().map(|pose| pose.rotations[bone]);
         rotations.sum::<DVec3>()
     };
     // Seen in a mirror (x to -x), a rotation keeps its part about x and reverses the others.
@@ -503,15 +502,14 @@ fn transfer_mean_pose(
     let prior = POSTURE_SPREAD.powi(-2);
     let mut shared = Pose::default();
     for bone in Bone::ALL.into_iter().filter(|&bone| carries_posture(bone)) {
-        let b = bone as usize;
         let (found, seen) = if bone == bone.mirrored() {
             ((sum(bone) + sum(bone) * flip) / 2.0, count)
         } else {
             (sum(bone) + sum(bone.mirrored()) * flip, 2.0 * count)
         };
-        shared.rotations[b] = (found - transferred.rotations[b] * prior) / (seen + prior);
-        transferred.rotations[b] += shared.rotations[b];
-        posture.rotations[b] = DVec3::ZERO;
+        shared.rotations[bone] = (found - transferred.rotations[bone] * prior) / (seen + prior);
+        transferred.rotations[bone] += shared.rotations[bone];
+        posture.rotations[bone] = DVec3::ZERO;
     }
     for pose in poses.iter_mut() {
         for (rotation, shared) in pose.rotations.iter_mut().zip(shared.rotations) {

@@ -6,7 +6,7 @@ use super::matches::{Match, Outline};
 use super::shared_step::{SHARED, SharedStep, arm_shares, camera_rates};
 use super::{Body, BodyFitView};
 use pirouette_body::Camera;
-use pirouette_body::{Bone, Joint};
+use pirouette_body::{Bone, Joint, PerBone};
 use pirouette_body::{Motion, Pose, PosedBones, SkinWeight, pose_bones};
 
 /// Unknowns of one pose
@@ -33,8 +33,8 @@ pub(super) const STEPS: usize = 2;
 /// The bones in a pose of one view, as `shared` reshapes the body
 fn posed_bones(body: &Body, view: &BodyFitView, pose: &Pose, shared: &SharedStep) -> PosedBones {
     let frame = body.reshape_frame(view.stature_mm);
-    let heads = std::array::from_fn(|b| {
-        let (head, bone) = (body.bone_heads[b], Bone::ALL[b]);
+    let heads = PerBone::from_fn(|bone| {
+        let head = body.bone_heads[bone];
         let arms = arm_shares(&SkinWeight::rigid(bone));
         shared.reshaped(head, frame.rates(head, arms))
     });
@@ -61,12 +61,12 @@ impl Equations {
 }
 
 /// Bones that move a point, each with the share by which it does: those of its weights and all above
-fn shares(weights: impl Iterator<Item = (Bone, f64)>) -> [f64; Bone::COUNT] {
-    let mut shares = [0.0; Bone::COUNT];
+fn shares(weights: impl Iterator<Item = (Bone, f64)>) -> PerBone<f64> {
+    let mut shares = PerBone::splat(0.0);
     for (bone, weight) in weights {
         let mut above = Some(bone);
         while let Some(b) = above {
-            shares[b as usize] += weight;
+            shares[b] += weight;
             above = b.parent();
         }
     }
@@ -127,16 +127,17 @@ pub(super) fn equations(
 /// Derivatives of `gradient . point` by the parameters of the pose that move the point
 fn fill_row(
     motions: &[Motion; POSE],
-    shares: &[f64; Bone::COUNT],
+    shares: &PerBone<f64>,
     gradient: DVec3,
     point: DVec3,
     row: &mut [f64; ALL],
     active: &mut Vec<usize>,
 ) {
     active.clear();
-    for (b, &share) in shares.iter().enumerate() {
+    for (bone, &share) in shares.pairs() {
         if share > 0.0 {
-            for p in 3 * b..3 * b + 3 {
+            let first = Pose::first_parameter(bone);
+            for p in first..first + 3 {
                 row[p] = share * gradient.dot(motions[p].velocity(point));
                 active.push(p);
             }
@@ -187,11 +188,11 @@ fn add_keypoints(
         let (mut point, mut rates) = (DVec3::ZERO, [DVec3::ZERO; 2]);
         for part in parts {
             let arms = arm_shares(&SkinWeight::rigid(part.bone()));
-            let reference = body.keypoints[*part as usize];
+            let reference = body.keypoints[*part];
             let reshaped = frame.rates(reference, arms);
             let reference = shared.reshaped(reference, reshaped);
             point += posed.carry(part.bone(), reference) * share;
-            let rotation = posed.transforms[part.bone() as usize].matrix3;
+            let rotation = posed.transforms[part.bone()].matrix3;
             for (sum, rate) in rates.iter_mut().zip(reshaped) {
                 *sum += rotation * rate * share;
             }

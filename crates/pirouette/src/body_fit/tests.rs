@@ -29,7 +29,7 @@ impl Seen {
             for joint in Joint::ALL {
                 let point = match joint {
                     Joint::Neck | Joint::MidHip => continue,
-                    _ => posed.carry(joint.bone(), figure.keypoints[joint as usize]),
+                    _ => posed.carry(joint.bone(), figure.keypoints[joint]),
                 };
                 let keypoint = Keypoint {
                     position: camera.project(point),
@@ -312,7 +312,7 @@ fn the_rim_of_a_figure_lies_on_its_silhouettes_outline() {
 fn outline_targets_lead_from_the_photo_to_the_reference_pose() {
     let truth = figure(Sex::Female, 62.0);
     let mut pose = Pose::default();
-    pose.rotations[Bone::LeftUpperArm as usize] = DVec3::new(0.0, 0.0, 0.15);
+    pose.rotations[Bone::LeftUpperArm] = DVec3::new(0.0, 0.0, 0.15);
     pose.shift_mm = DVec3::new(20.0, 0.0, 0.0);
     let turn = TurnAngle::from_degrees(0.0);
     let seen = Seen::new(&truth, &[turn], &[pose]);

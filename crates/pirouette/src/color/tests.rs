@@ -20,7 +20,7 @@ impl TwoColored {
         let views = turns.iter().map(|&degrees| {
             let turn = TurnAngle::from_degrees(degrees);
             let mut pose = Pose::default();
-            pose.rotations[Bone::LeftUpperArm as usize] = DVec3::Z * (degrees / 2000.0);
+            pose.rotations[Bone::LeftUpperArm] = DVec3::Z * (degrees / 2000.0);
             pose.shift_mm = DVec3::X * (degrees / 10.0);
             let posed = pose_bones(&avatar.bone_heads, &pose, turn);
             let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);

@@ -173,7 +173,7 @@ fn taut_below(
 /// Measures from the shoulder joint over the elbow to the wrist joint
 fn arm_length(figure: &Figure) -> Vec<f64> {
     let length = |bones: [Bone; 3]| {
-        let [shoulder, elbow, wrist] = bones.map(|b| figure.in_a_pose().bone_heads[b as usize]);
+        let [shoulder, elbow, wrist] = bones.map(|b| figure.in_a_pose().bone_heads[b]);
         shoulder.distance(elbow) + elbow.distance(wrist)
     };
     vec![
@@ -198,7 +198,7 @@ fn shoulder_to_wrist(figure: &Figure) -> Option<Vec<f64>> {
     ]
     .into_iter()
     .map(|(acromion, elbow, wrist)| {
-        let elbow = figure.in_a_pose().bone_heads[elbow as usize];
+        let elbow = figure.in_a_pose().bone_heads[elbow];
         let (acromion, wrist) = (figure.landmark(acromion)?, figure.landmark(wrist)?);
         Some(acromion.distance(elbow) + elbow.distance(wrist))
     })

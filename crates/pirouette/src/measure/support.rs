@@ -16,8 +16,7 @@ use glam::{DAffine3, DVec2, DVec3};
 use pirouette_geom::{Grid, distance_map::bilinear};
 
 use super::tape::Tape;
-use pirouette_body::Camera;
-use pirouette_body::PosedBones;
+use pirouette_body::{Bone, Camera, PosedBones};
 use pirouette_geom::outline_map::OutlineMap;
 
 /// A view prepared for tapes
@@ -51,7 +50,7 @@ impl<'a> SeenView<'a> {
 
     /// Returns the direction of the line of sight seen from above, in radians from 0 to pi; equal for opposite views
     pub(super) fn line_of_sight(&self) -> f64 {
-        let direction = self.posed.transforms[0].matrix3.transpose() * DVec3::Z;
+        let direction = self.posed.transforms[Bone::Root].matrix3.transpose() * DVec3::Z;
         direction.x.atan2(direction.z).rem_euclid(PI)
     }
 

@@ -4,8 +4,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 use pirouette_geom::section::{convex_hull, perimeter};
 
 use super::landmarks::Section;
-use pirouette_body::Avatar;
-use pirouette_body::{PosedBones, SkinWeight};
+use pirouette_body::{Avatar, Bone, PosedBones, SkinWeight};
 
 /// The expected convex curve of a tape, in its plane
 #[derive(Debug, Clone)]
@@ -130,7 +129,7 @@ impl Tape {
             from += *position;
             to += transform.transform_point3(*position);
             for (bone, share) in weight.iter() {
-                let turn = DQuat::from_mat3(&posed.transforms[bone as usize].matrix3);
+                let turn = DQuat::from_mat3(&posed.transforms[bone].matrix3);
                 // A quaternion and its negative are the same rotation.
                 let same = *first.get_or_insert(turn);
                 let sign = if same.dot(turn) < 0.0 { -share } else { share };
@@ -141,7 +140,7 @@ impl Tape {
         }
         let length = sum.iter().map(|s| s * s).sum::<f64>().sqrt();
         if length.is_nan() || length <= 0.0 {
-            return posed.transforms[0];
+            return posed.transforms[Bone::Root];
         }
         let rotation = DMat3::from_quat(DQuat::from_array(sum.map(|s| s / length)));
         let count = self.carriers.len() as f64;

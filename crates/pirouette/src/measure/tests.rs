@@ -12,7 +12,7 @@ use pirouette_body::Sex;
 use pirouette_body::SkinWeight;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::render;
-use pirouette_body::{Bone, Joint};
+use pirouette_body::{Bone, PerBone, PerJoint};
 
 /// Segments around a cylinder
 const AROUND: u32 = 180;
@@ -97,8 +97,8 @@ fn figure(parts: &[Cylinder]) -> Avatar {
     Avatar {
         weights: vec![SkinWeight::rigid(Bone::Root); mesh.positions.len()],
         mesh,
-        bone_heads: [DVec3::ZERO; Bone::COUNT],
-        keypoints: [DVec3::ZERO; Joint::COUNT],
+        bone_heads: PerBone::splat(DVec3::ZERO),
+        keypoints: PerJoint::splat(DVec3::ZERO),
         pose: ReferencePose::A,
     }
 }
@@ -310,7 +310,7 @@ fn a_tape_follows_the_pose_of_each_view() {
         .map(|i| {
             let mut pose = Pose::default();
             let lean = [0.03, -0.05, 0.02, 0.04][i % 4];
-            pose.rotations[Bone::Root as usize] = DVec3::new(lean, 0.1 * lean, -lean);
+            pose.rotations[Bone::Root] = DVec3::new(lean, 0.1 * lean, -lean);
             pose.shift_mm = DVec3::new(400.0 * lean, 0.0, -300.0 * lean);
             pose
         })

@@ -9,7 +9,7 @@ use super::JointPositions;
 use pirouette_body::Avatar;
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
-use pirouette_body::{Joint, Keypoints};
+use pirouette_body::{Joint, Keypoints, PerJoint};
 use pirouette_body::{Pose, pose_bones};
 
 /// Bones of the reference view shorter than this share of its trunk (neck to mid hip) are foreshortened: their
@@ -56,7 +56,7 @@ const ARMS: [[Joint; 3]; 2] = [
 
 /// Returns the found and finite joints of a photo
 pub fn detected_joints(keypoints: &Keypoints) -> JointPositions {
-    Joint::ALL.map(|joint| {
+    PerJoint::from_fn(|joint| {
         let position = keypoints.found(joint)?.position;
         position.is_finite().then_some(position)
     })
@@ -74,20 +74,20 @@ pub fn detected_joints(keypoints: &Keypoints) -> JointPositions {
 /// Zwettler et al. 2021, eq. 1, read as `target_child = target_parent + |child - parent| *
 /// unit(reference_child - reference_parent)`, with the mid chest half way between neck and mid hip, the toes as one
 /// group at the ankle and the face as one group at the neck.
-pub fn align(detected: &JointPositions, reference: &[DVec2; Joint::COUNT]) -> JointPositions {
-    let at = |joint: Joint| detected[joint as usize];
+pub fn align(detected: &JointPositions, reference: &PerJoint<DVec2>) -> JointPositions {
+    let at = |joint: Joint| detected[joint];
     let middle = |a: Joint, b: Joint| Some((at(a)? + at(b)?) / 2.0);
     let neck = at(Joint::Neck).or_else(|| middle(Joint::LeftShoulder, Joint::RightShoulder));
     let mid_hip = at(Joint::MidHip).or_else(|| middle(Joint::LeftHip, Joint::RightHip));
-    let neck_in_reference = reference[Joint::Neck as usize];
-    let hip_in_reference = reference[Joint::MidHip as usize];
+    let neck_in_reference = reference[Joint::Neck];
+    let hip_in_reference = reference[Joint::MidHip];
 
     let walk = Walk {
         detected,
         reference,
         min_reference_px: MIN_REFERENCE_BONE * neck_in_reference.distance(hip_in_reference),
     };
-    let mut targets = [None; Joint::COUNT];
+    let mut targets = PerJoint::splat(None);
     // without one end of the trunk, the other takes the place of the chest
     let (neck, mid_hip) = match (neck, mid_hip) {
         (Some(neck), Some(mid_hip)) => {
@@ -106,14 +106,14 @@ pub fn align(detected: &JointPositions, reference: &[DVec2; Joint::COUNT]) -> Jo
         ),
     };
     if let Some(neck) = neck {
-        targets[Joint::Neck as usize] = at(Joint::Neck).map(|_| neck.target);
+        targets[Joint::Neck] = at(Joint::Neck).map(|_| neck.target);
         walk.group(&neck, &HEAD, &[], &mut targets);
         for arm in &ARMS {
             walk.chain(neck, arm, &mut targets);
         }
     }
     if let Some(mid_hip) = mid_hip {
-        targets[Joint::MidHip as usize] = at(Joint::MidHip).map(|_| mid_hip.target);
+        targets[Joint::MidHip] = at(Joint::MidHip).map(|_| mid_hip.target);
         for leg in &LEGS {
             if let Some(ankle) = walk.chain(mid_hip, &leg.joints, &mut targets) {
                 walk.group(&ankle, &leg.toes, &[leg.heel], &mut targets);
@@ -146,7 +146,7 @@ impl Place {
 
 struct Walk<'a> {
     detected: &'a JointPositions,
-    reference: &'a [DVec2; Joint::COUNT],
+    reference: &'a PerJoint<DVec2>,
     min_reference_px: f64,
 }
 
@@ -174,9 +174,9 @@ impl Walk<'_> {
     fn chain(&self, root: Place, joints: &[Joint], targets: &mut JointPositions) -> Option<Place> {
         let mut place = root;
         for &joint in joints {
-            let detected = self.detected[joint as usize]?;
-            place = self.follow(&place, detected, self.reference[joint as usize]);
-            targets[joint as usize] = Some(place.target);
+            let detected = self.detected[joint]?;
+            place = self.follow(&place, detected, self.reference[joint]);
+            targets[joint] = Some(place.target);
         }
         Some(place)
     }
@@ -193,10 +193,10 @@ impl Walk<'_> {
     ) {
         let (mut count, mut detected, mut reference) = (0.0, DVec2::ZERO, DVec2::ZERO);
         for &joint in joints {
-            if let Some(p) = self.detected[joint as usize] {
+            if let Some(p) = self.detected[joint] {
                 count += 1.0;
                 detected += p;
-                reference += self.reference[joint as usize];
+                reference += self.reference[joint];
             }
         }
         if count == 0.0 {
@@ -206,8 +206,8 @@ impl Walk<'_> {
             .follow(parent, detected / count, reference / count)
             .turn;
         for &joint in joints.iter().chain(followers) {
-            targets[joint as usize] = self.detected[joint as usize]
-                .map(|p| parent.target + turn.rotate(p - parent.detected));
+            targets[joint] =
+                self.detected[joint].map(|p| parent.target + turn.rotate(p - parent.detected));
         }
     }
 }
@@ -216,9 +216,9 @@ impl Walk<'_> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SkeletonJoints {
     /// In the pose of the photo, in px
-    pub photo: [DVec2; Joint::COUNT],
+    pub photo: PerJoint<DVec2>,
     /// In the reference pose, turned like the view and standing on the turning axis, in px
-    pub reference: [DVec2; Joint::COUNT],
+    pub reference: PerJoint<DVec2>,
 }
 
 /// Projects the shared skeleton as posed in a view, and in the reference pose
@@ -232,13 +232,13 @@ pub fn shared_skeleton_joints(
 ) -> SkeletonJoints {
     let project = |pose: &Pose| {
         let posed = pose_bones(&avatar.bone_heads, pose, turn);
-        let mut room: [DVec3; Joint::COUNT] =
-            Joint::ALL.map(|joint| posed.carry(joint.bone(), avatar.keypoints[joint as usize]));
+        let mut room: PerJoint<DVec3> =
+            PerJoint::from_fn(|joint| posed.carry(joint.bone(), avatar.keypoints[joint]));
         for (joint, left, right) in [
             (Joint::Neck, Joint::LeftShoulder, Joint::RightShoulder),
             (Joint::MidHip, Joint::LeftHip, Joint::RightHip),
         ] {
-            room[joint as usize] = room[left as usize].midpoint(room[right as usize]);
+            room[joint] = room[left].midpoint(room[right]);
         }
         room.map(|point| camera.project(point))
     };
@@ -254,7 +254,7 @@ pub(in crate::normalize) mod tests {
     use proptest::prelude::*;
 
     /// A stick figure of 400 px with arms slightly out, as in a reference view
-    pub(in crate::normalize) fn standing() -> [DVec2; Joint::COUNT] {
+    pub(in crate::normalize) fn standing() -> PerJoint<DVec2> {
         let right = |joint: Joint| match joint {
             Joint::Nose => (0.0, 60.0),
             Joint::Neck => (0.0, 105.0),
@@ -272,7 +272,7 @@ pub(in crate::normalize) mod tests {
             Joint::RightHeel => (-34.0, 440.0),
             _ => (f64::NAN, f64::NAN),
         };
-        Joint::ALL.map(|joint| {
+        PerJoint::from_fn(|joint| {
             let (x, y) = right(joint);
             if x.is_finite() {
                 DVec2::new(200.0 + x, y)
@@ -283,7 +283,7 @@ pub(in crate::normalize) mod tests {
         })
     }
 
-    fn all(joints: [DVec2; Joint::COUNT]) -> JointPositions {
+    fn all(joints: PerJoint<DVec2>) -> JointPositions {
         joints.map(Some)
     }
 
@@ -308,23 +308,22 @@ pub(in crate::normalize) mod tests {
     #[test]
     fn a_bent_arm_takes_the_direction_of_the_reference_and_keeps_its_length() {
         let mut bent = standing();
-        let shoulder = bent[Joint::LeftShoulder as usize];
-        bent[Joint::LeftElbow as usize] = shoulder + DVec2::new(20.0, 90.0);
-        bent[Joint::LeftWrist as usize] = shoulder + DVec2::new(-15.0, 160.0);
+        let shoulder = bent[Joint::LeftShoulder];
+        bent[Joint::LeftElbow] = shoulder + DVec2::new(20.0, 90.0);
+        bent[Joint::LeftWrist] = shoulder + DVec2::new(-15.0, 160.0);
         let aligned = align(&all(bent), &standing());
         for (parent, child) in [
             (Joint::LeftShoulder, Joint::LeftElbow),
             (Joint::LeftElbow, Joint::LeftWrist),
         ] {
-            let bone =
-                |joints: &[DVec2; Joint::COUNT]| joints[child as usize] - joints[parent as usize];
-            let moved = aligned[child as usize].unwrap() - aligned[parent as usize].unwrap();
+            let bone = |joints: &PerJoint<DVec2>| joints[child] - joints[parent];
+            let moved = aligned[child].unwrap() - aligned[parent].unwrap();
             assert!((moved.length() - bone(&bent).length()).abs() < 1e-9);
             assert!(moved.perp_dot(bone(&standing())).abs() < 1e-6);
             assert!(moved.dot(bone(&standing())) > 0.0);
         }
-        let still = aligned[Joint::RightWrist as usize].unwrap();
-        assert!(still.distance(bent[Joint::RightWrist as usize]) < 1e-9);
+        let still = aligned[Joint::RightWrist].unwrap();
+        assert!(still.distance(bent[Joint::RightWrist]) < 1e-9);
     }
 
     #[test]
@@ -340,7 +339,7 @@ pub(in crate::normalize) mod tests {
     fn chains_end_at_missing_joints() {
         let mut detected = all(standing());
         for joint in [Joint::LeftElbow, Joint::RightAnkle, Joint::Neck] {
-            detected[joint as usize] = None;
+            detected[joint] = None;
         }
         let aligned = align(&detected, &standing());
         for missing in [
@@ -351,25 +350,25 @@ pub(in crate::normalize) mod tests {
             Joint::RightHeel,
             Joint::Neck,
         ] {
-            assert_eq!(aligned[missing as usize], None, "{missing:?}");
+            assert_eq!(aligned[missing], None, "{missing:?}");
         }
         // the neck is interpolated between the shoulders
-        assert!(aligned[Joint::RightWrist as usize].is_some());
-        assert!(aligned[Joint::Nose as usize].is_some());
-        let nothing = align(&[None; Joint::COUNT], &standing());
-        assert_eq!(nothing, [None; Joint::COUNT]);
+        assert!(aligned[Joint::RightWrist].is_some());
+        assert!(aligned[Joint::Nose].is_some());
+        let nothing = align(&PerJoint::splat(None), &standing());
+        assert_eq!(nothing, PerJoint::splat(None));
     }
 
     #[test]
     fn foreshortened_bones_keep_their_direction() {
         let mut profile = standing();
         for joint in [Joint::LeftShoulder, Joint::RightShoulder] {
-            profile[joint as usize] = profile[Joint::Neck as usize] + DVec2::new(1.0, -2.0);
+            profile[joint] = profile[Joint::Neck] + DVec2::new(1.0, -2.0);
         }
         let aligned = align(&all(standing()), &profile);
         for joint in [Joint::LeftShoulder, Joint::RightShoulder] {
-            let shoulder = aligned[joint as usize].unwrap();
-            assert!(shoulder.distance(standing()[joint as usize]) < 1e-9);
+            let shoulder = aligned[joint].unwrap();
+            assert!(shoulder.distance(standing()[joint]) < 1e-9);
         }
     }
 
@@ -381,8 +380,9 @@ pub(in crate::normalize) mod tests {
             shift in prop::array::uniform2(-99.0..99.0f64),
         ) {
             let shift = DVec2::from_array(shift);
-            let detected: JointPositions = std::array::from_fn(|i| {
-                (!missing[i]).then(|| standing()[i] + DVec2::new(noise[2 * i], noise[2 * i + 1]))
+            let detected = PerJoint::from_fn(|joint| {
+                let i = joint as usize;
+                (!missing[i]).then(|| standing()[joint] + DVec2::new(noise[2 * i], noise[2 * i + 1]))
             });
             let aligned = align(&detected, &standing());
             let shifted = align(&detected.map(|p| p.map(|p| p + shift)), &standing());

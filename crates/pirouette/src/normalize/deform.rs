@@ -156,7 +156,7 @@ pub fn handles(from: &JointPositions, to: &JointPositions, used: impl Fn(Bone) -
     let mut handles = Handles::default();
     for bone in HANDLE_BONES.into_iter().filter(|line| used(line.seen_as)) {
         let ends = |joints: &JointPositions| {
-            let (a, b) = (joints[bone.from as usize]?, joints[bone.to as usize]?);
+            let (a, b) = (joints[bone.from]?, joints[bone.to]?);
             (a.is_finite() && b.is_finite()).then_some((a, b))
         };
         let (Some((source_a, source_b)), Some((target_a, target_b))) = (ends(from), ends(to))
@@ -172,7 +172,7 @@ pub fn handles(from: &JointPositions, to: &JointPositions, used: impl Fn(Bone) -
     }
     for (elbow, wrist, _) in HANDS.into_iter().filter(|hand| used(hand.2)) {
         let ends = |joints: &JointPositions| {
-            let (elbow, wrist) = (joints[elbow as usize]?, joints[wrist as usize]?);
+            let (elbow, wrist) = (joints[elbow]?, joints[wrist]?);
             let forearm = wrist - elbow;
             Some((wrist, forearm.length(), forearm.try_normalize()?))
         };
@@ -185,7 +185,7 @@ pub fn handles(from: &JointPositions, to: &JointPositions, used: impl Fn(Bone) -
         }
     }
     for joint in FACE.into_iter().filter(|_| used(Bone::Head)) {
-        if let (Some(source), Some(target)) = (from[joint as usize], to[joint as usize])
+        if let (Some(source), Some(target)) = (from[joint], to[joint])
             && source.is_finite()
             && target.is_finite()
         {

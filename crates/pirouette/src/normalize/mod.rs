@@ -28,7 +28,7 @@ use pirouette_body::Avatar;
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
 use pirouette_body::render::{SilhouetteMesh, visible_bones};
-use pirouette_body::{Bone, Joint, Keypoints};
+use pirouette_body::{Keypoints, PerBone, PerJoint};
 use pirouette_body::{Pose, pose_bones};
 
 pub use align::{SkeletonJoints, shared_skeleton_joints};
@@ -79,9 +79,9 @@ pub struct ReferenceView {
     /// Covered area of each pixel, 0 to 1; size of the photo
     pub coverage: Grid<f32>,
     /// Joints, in px
-    pub joints: [DVec2; Joint::COUNT],
+    pub joints: PerJoint<DVec2>,
     /// Whether enough of each bone's surface is visible; needed by [`NormalizeMethod::ThreeStep`] only
-    pub visible: Option<[bool; Bone::COUNT]>,
+    pub visible: Option<PerBone<bool>>,
 }
 
 /// Rows of the rendering that determines visible bones: shares of their surfaces need no more
@@ -276,12 +276,11 @@ pub fn normalize(
         NormalizeMethod::ThreeStep => (detected, align::align(&detected, &view.reference.joints)),
     };
     let visible = match options.method {
-        NormalizeMethod::FittedBody | NormalizeMethod::SharedSkeleton => [true; Bone::COUNT],
+        NormalizeMethod::FittedBody | NormalizeMethod::SharedSkeleton => PerBone::splat(true),
         NormalizeMethod::ThreeStep => view.reference.visible.ok_or(NormalizeError::NoVisibility)?,
     };
-    let spread = |targets: &JointPositions| -> Handles {
-        handles(&sources, targets, |bone| visible[bone as usize])
-    };
+    let spread =
+        |targets: &JointPositions| -> Handles { handles(&sources, targets, |bone| visible[bone]) };
     let first = spread(&aligned);
     let contours = trace_silhouette(view.mask, view.soft, options.deform.contour);
     // Refined joints move the handles of the bones, so the outline cannot be fixed at the same time.
@@ -366,7 +365,7 @@ fn check_size(
 }
 
 /// Returns all joints except those that the camera cannot see
-fn known(joints: &[DVec2; Joint::COUNT]) -> JointPositions {
+fn known(joints: &PerJoint<DVec2>) -> JointPositions {
     joints.map(|p| p.is_finite().then_some(p))
 }
 

@@ -70,7 +70,7 @@ impl Bones {
             (Nose, RightEar),
             (LeftEar, RightEar),
         ];
-        let at = |joint: Joint| joints[joint as usize].filter(|p| p.is_finite());
+        let at = |joint: Joint| joints[joint].filter(|p| p.is_finite());
         let mut segments: Vec<Segment> = TRUNK
             .iter()
             .filter_map(|&(head, tip)| {

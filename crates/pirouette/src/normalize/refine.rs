@@ -10,10 +10,10 @@ use pirouette_geom::chain::{Chain, RigidMotion};
 use super::descent::{Softness, descend};
 use super::parts::{Bones, Part};
 use super::register::{ReferenceContourMap, offsets, scattered};
-use pirouette_body::Joint;
+use pirouette_body::{Joint, PerJoint};
 
-/// Joint positions in a silhouette, in px, indexed by `Joint as usize`; `None` where unknown
-pub type JointPositions = [Option<DVec2>; Joint::COUNT];
+/// Joint positions in a silhouette, in px; `None` where unknown
+pub type JointPositions = PerJoint<Option<DVec2>>;
 
 /// Bones shorter than this have no reliable direction, in px
 const MIN_BONE_PX: f64 = 2.0;
@@ -192,11 +192,11 @@ pub fn refine(
         let bent = chain.bent(&[found.upper_radians, found.lower_radians]);
         let motions = bent.motions_from(&chain);
         for (joint, position) in limb.joints().into_iter().zip(bent.joints()) {
-            refined[joint as usize] = Some(position);
+            refined[joint] = Some(position);
         }
         for &joint in limb.carried() {
-            let moved = known[joint as usize].map(|p| motions[LOWER].apply(p));
-            refined[joint as usize] = moved.or(joints[joint as usize]);
+            let moved = known[joint].map(|p| motions[LOWER].apply(p));
+            refined[joint] = moved.or(joints[joint]);
         }
         limbs.push(found);
     }
@@ -211,7 +211,7 @@ const LOWER: usize = 1;
 
 /// Returns the chain of a limb, if its joints are known and distinct
 fn limb_chain(limb: Limb, joints: &JointPositions) -> Option<Chain> {
-    let [root, middle, end] = limb.joints().map(|joint| joints[joint as usize]);
+    let [root, middle, end] = limb.joints().map(|joint| joints[joint]);
     let chain = Chain::from_joints(&[root?, middle?, end?]);
     let long_enough = chain.bones.iter().all(|bone| bone.length >= MIN_BONE_PX);
     long_enough.then_some(chain)
@@ -352,7 +352,7 @@ mod tests {
     /// Joints of a standing stick figure, 400 px high, arms slightly out
     fn standing() -> JointPositions {
         use Joint::*;
-        let mut joints = [None; Joint::COUNT];
+        let mut joints = PerJoint::splat(None);
         for (joint, x, y) in [
             (Nose, 200.0, 60.0),
             (Neck, 200.0, 105.0),
@@ -371,13 +371,13 @@ mod tests {
             (LeftAnkle, 237.0, 432.0),
             (LeftBigToe, 250.0, 446.0),
         ] {
-            joints[joint as usize] = Some(DVec2::new(x, y));
+            joints[joint] = Some(DVec2::new(x, y));
         }
         joints
     }
 
     fn draw(joints: &JointPositions) -> Grid<f32> {
-        let at = |joint: Joint| joints[joint as usize].unwrap();
+        let at = |joint: Joint| joints[joint].unwrap();
         let mut parts = vec![
             capsule(at(Joint::Neck), at(Joint::MidHip), 36.0, 36.0),
             capsule(at(Joint::Neck), at(Joint::Nose), 18.0, 24.0),
@@ -403,7 +403,7 @@ mod tests {
             let chain = limb_chain(limb, joints).unwrap();
             let moved = chain.bent(&[upper.to_radians(), lower.to_radians()]);
             for (joint, p) in limb.joints().into_iter().zip(moved.joints()) {
-                bent[joint as usize] = Some(p);
+                bent[joint] = Some(p);
             }
         }
         bent
@@ -474,10 +474,10 @@ mod tests {
             }
             assert!(limb.mean_distance_after_px < 0.2);
         }
-        for (joint, (found, truth)) in found.joints.iter().zip(&target).enumerate() {
-            if let (Some(found), Some(truth)) = (found, truth) {
-                let carried = joint == Joint::LeftBigToe as usize;
-                assert!(carried || found.distance(*truth) < 0.05, "joint {joint}");
+        for (joint, found) in found.joints.pairs() {
+            if let (Some(found), Some(truth)) = (found, target[joint]) {
+                let carried = joint == Joint::LeftBigToe;
+                assert!(carried || found.distance(truth) < 0.05, "{joint:?}");
             }
         }
     }
@@ -488,8 +488,8 @@ mod tests {
         let coverage = draw(&joints);
         let reference = ReferenceContourMap::from_coverage(&coverage);
         let mut holey = joints;
-        holey[Joint::LeftElbow as usize] = None;
-        holey[Joint::RightHip as usize] = Some(DVec2::NAN);
+        holey[Joint::LeftElbow] = None;
+        holey[Joint::RightHip] = Some(DVec2::NAN);
         let found = refine(
             &contour_of(&coverage),
             &holey,
@@ -498,11 +498,8 @@ mod tests {
         );
         let limbs: Vec<Limb> = found.limbs.iter().map(|l| l.limb).collect();
         assert_eq!(limbs, [Limb::RightArm, Limb::LeftLeg]);
-        assert_eq!(found.joints[Joint::LeftElbow as usize], None);
-        assert_eq!(
-            found.joints[Joint::LeftWrist as usize],
-            joints[Joint::LeftWrist as usize]
-        );
+        assert_eq!(found.joints[Joint::LeftElbow], None);
+        assert_eq!(found.joints[Joint::LeftWrist], joints[Joint::LeftWrist]);
     }
 
     #[test]
@@ -521,10 +518,10 @@ mod tests {
                 .limbs
                 .is_empty()
         );
-        let collapsed = [Some(DVec2::splat(200.0)); Joint::COUNT];
+        let collapsed = PerJoint::splat(Some(DVec2::splat(200.0)));
         let none = refine(&contour, &collapsed, &reference, &options);
         assert!(none.limbs.is_empty() && none.joints == collapsed);
-        let far = [Some(DVec2::splat(f64::MAX)); Joint::COUNT];
+        let far = PerJoint::splat(Some(DVec2::splat(f64::MAX)));
         assert!(
             refine(&contour, &far, &reference, &options)
                 .limbs

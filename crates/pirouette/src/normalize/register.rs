@@ -237,7 +237,7 @@ mod tests {
         .collect()
     }
 
-    const NO_JOINTS: JointPositions = [None; pirouette_body::Joint::COUNT];
+    const NO_JOINTS: JointPositions = pirouette_body::PerJoint::splat(None);
 
     fn filled(polygon: Vec<DVec2>) -> Grid<f32> {
         fill_polygons(260, 250, &[polygon])
@@ -313,7 +313,7 @@ mod tests {
             (LeftElbow, 152.0, 68.0),
             (LeftWrist, 172.0, 57.0),
         ] {
-            joints[joint as usize] = Some(DVec2::new(x, y) + shift);
+            joints[joint] = Some(DVec2::new(x, y) + shift);
         }
         let reference = ReferenceContourMap::from_coverage(&filled(figure()));
         let contour = contour_of(&filled(raised));

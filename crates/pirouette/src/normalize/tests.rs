@@ -1,10 +1,10 @@
 use super::*;
 use align::tests::standing;
 use deform::tests::capsule;
-use pirouette_body::Keypoint;
+use pirouette_body::{Bone, Joint, Keypoint, PerBone, PerJoint};
 use pirouette_geom::coverage::fill_polygons;
 
-type Joints = [DVec2; Joint::COUNT];
+type Joints = PerJoint<DVec2>;
 
 /// A figure of rounded bones around the joints
 fn draw(joints: &Joints) -> Grid<f32> {
@@ -23,7 +23,7 @@ fn draw(joints: &Joints) -> Grid<f32> {
         (RightAnkle, RightBigToe, 9.0),
         (LeftAnkle, LeftBigToe, 9.0),
     ];
-    let at = |joint: Joint| joints[joint as usize];
+    let at = |joint: Joint| joints[joint];
     let parts: Vec<Vec<DVec2>> = PARTS
         .iter()
         .map(|&(a, b, radius)| capsule(at(a), at(b), radius))
@@ -42,16 +42,16 @@ fn reference() -> ReferenceView {
     ReferenceView {
         coverage: draw(&standing()),
         joints: standing(),
-        visible: Some([true; Bone::COUNT]),
+        visible: Some(PerBone::splat(true)),
     }
 }
 
 /// Rotates the joints attached to a joint
 fn bend(joints: &mut Joints, about: Joint, moved: &[Joint], degrees: f64) {
-    let pivot = joints[about as usize];
+    let pivot = joints[about];
     let turn = DVec2::from_angle(degrees.to_radians());
     for &joint in moved {
-        let p = &mut joints[joint as usize];
+        let p = &mut joints[joint];
         *p = pivot + turn.rotate(*p - pivot);
     }
 }
@@ -145,9 +145,9 @@ fn hidden_bones_carry_no_handles_in_the_published_method() {
     let soft = draw(&swayed());
     let mask = soft.threshold(0.5);
     let mut reference = reference();
-    let mut visible = [true; Bone::COUNT];
+    let mut visible = PerBone::splat(true);
     for bone in [Bone::LeftUpperArm, Bone::LeftForearm] {
-        visible[bone as usize] = false;
+        visible[bone] = false;
     }
     reference.visible = Some(visible);
     let view = NormalizeView {
@@ -193,12 +193,10 @@ fn non_finite_input_is_rejected() {
     let reference = reference();
     let empty = Mask::filled(400, 480, false);
     let soft = empty.map(|_| f32::NAN);
-    let poisoned = Keypoints::new(
-        [Keypoint {
-            position: DVec2::NAN,
-            confidence: 1.0,
-        }; Joint::COUNT],
-    );
+    let poisoned = Keypoints::new(PerJoint::splat(Keypoint {
+        position: DVec2::NAN,
+        confidence: 1.0,
+    }));
     let view = NormalizeView {
         mask: &empty,
         soft: &Windowed::new(&soft),

@@ -28,7 +28,7 @@ use model::{Problem, Shared, Unknowns, room_joints};
 use pirouette_body::Avatar;
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
-use pirouette_body::{Bone, Joint, Keypoints};
+use pirouette_body::{Bone, Joint, Keypoints, PerJoint};
 use pirouette_body::{Pose, PosedBones, pose_bones};
 use scales::Frame;
 use solve::{Solution, solve};
@@ -419,8 +419,8 @@ fn assemble(
             continue;
         };
         for joint in Joint::ALL {
-            let observed = view.observed[joint as usize];
-            let (Some(residual), Some(observed)) = (residuals[joint as usize], observed) else {
+            let observed = view.observed[joint];
+            let (Some(residual), Some(observed)) = (residuals[joint], observed) else {
                 continue;
             };
             let residual_px = residual.length() * observed.sigma_px;
@@ -511,7 +511,7 @@ fn final_poses(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> Vec<P
     let mut mean = Pose::default();
     for (pose, _) in poses.iter().zip(&seen).filter(|&(_, &seen)| seen) {
         for bone in Bone::ALL.into_iter().filter(|&bone| bone != Bone::Root) {
-            mean.rotations[bone as usize] += pose.rotations[bone as usize] / count;
+            mean.rotations[bone] += pose.rotations[bone] / count;
         }
     }
     for (pose, _) in poses.iter_mut().zip(&seen).filter(|&(_, &seen)| !seen) {
@@ -540,7 +540,7 @@ impl SkeletonView {
     }
 
     /// The avatar's joints in this view's pose in the room, in mm
-    pub fn joints(&self, avatar: &Avatar) -> [DVec3; Joint::COUNT] {
+    pub fn joints(&self, avatar: &Avatar) -> PerJoint<DVec3> {
         room_joints(&self.posed(avatar), &avatar.keypoints)
     }
 

@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3};
 use super::scales::{BoneScale, BoneScales, Frame, MIDDLES, ScaledFrame};
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
-use pirouette_body::{Bone, Joint};
+use pirouette_body::{Bone, Joint, PerBone, PerJoint};
 use pirouette_body::{Motion, Pose, PosedBones, pose_bones};
 
 /// Unknowns of one view
@@ -87,7 +87,7 @@ pub(super) struct ViewData {
     pub(super) turn: TurnAngle,
     pub(super) width_px: usize,
     pub(super) height_px: usize,
-    pub(super) observed: [Option<Observed>; Joint::COUNT],
+    pub(super) observed: PerJoint<Option<Observed>>,
 }
 
 impl ViewData {
@@ -191,11 +191,11 @@ impl Problem {
             std::array::from_fn(|i| DVec3::from_slice(&values[OFFSET_START + 3 * i..]));
         let mut body = self.frame.scaled(&scales);
         for (joint, offset) in OFFSET_JOINTS.iter().zip(offsets) {
-            body.keypoints[*joint as usize] += offset;
+            body.keypoints[*joint] += offset;
         }
         let mut posture = Pose::default();
         for (v, (bone, _)) in values[POSTURE_START..].chunks_exact(3).zip(POSTURE_BONES) {
-            posture.rotations[bone as usize] = DVec3::from_slice(v);
+            posture.rotations[bone] = DVec3::from_slice(v);
         }
         let prior = &self.camera;
         let focal = values[CAMERA_START + 3].exp() / (prior.vertical_fov_radians / 2.0).tan();
@@ -268,11 +268,11 @@ impl Problem {
         view: &ViewData,
         shared: &Shared,
         pose: &[f64; POSE_COUNT],
-    ) -> Option<[Option<DVec2>; Joint::COUNT]> {
+    ) -> Option<PerJoint<Option<DVec2>>> {
         let posed = pose_bones(&shared.body.heads, &shared.pose(pose), view.turn);
         let camera = shared.camera_of(view);
         let joints = room_joints(&posed, &shared.body.keypoints);
-        let mut residuals = [None; Joint::COUNT];
+        let mut residuals = PerJoint::splat(None);
         for ((slot, observed), &joint) in residuals.iter_mut().zip(&view.observed).zip(&joints) {
             if camera.depth(joint) < MIN_DEPTH_MM {
                 return None;
@@ -313,10 +313,10 @@ impl Problem {
         let mut rows = Mat::<f64>::zeros(2 * view.observed_count(), columns);
         let mut row = 0;
         for joint in Joint::ALL {
-            let Some(observed) = view.observed[joint as usize] else {
+            let Some(observed) = view.observed[joint] else {
                 continue;
             };
-            let point = joints[joint as usize];
+            let point = joints[joint];
             let residual = (camera.project(point) - observed.position) / observed.sigma_px;
             let weight = (1.0 + residual.length_squared() / (width * width))
                 .sqrt()
@@ -357,26 +357,22 @@ fn parts(joint: Joint) -> impl Iterator<Item = (Joint, f64)> {
 }
 
 /// Keypoints of the posed body in the room
-pub(super) fn room_joints(
-    posed: &PosedBones,
-    keypoints: &[DVec3; Joint::COUNT],
-) -> [DVec3; Joint::COUNT] {
-    let carry = |joint: Joint| posed.carry(joint.bone(), keypoints[joint as usize]);
-    Joint::ALL.map(|joint| parts(joint).map(|(part, share)| carry(part) * share).sum())
+pub(super) fn room_joints(posed: &PosedBones, keypoints: &PerJoint<DVec3>) -> PerJoint<DVec3> {
+    let carry = |joint: Joint| posed.carry(joint.bone(), keypoints[joint]);
+    PerJoint::from_fn(|joint| parts(joint).map(|(part, share)| carry(part) * share).sum())
 }
 
 /// Rates of the bones' translations when the bone heads move at the given rates
 ///
 /// From `x = T_parent(head + R (p - head))`: the rotations stay, and each head adds what the parent's
 /// rotation and the bone's own make of its rate.
-fn transform_rates(posed: &PosedBones, rate: &ScaledFrame) -> [DVec3; Bone::COUNT] {
-    let mut shifts = [DVec3::ZERO; Bone::COUNT];
+fn transform_rates(posed: &PosedBones, rate: &ScaledFrame) -> PerBone<DVec3> {
+    let mut shifts = PerBone::splat(DVec3::ZERO);
     for bone in Bone::ALL {
         if let Some(parent) = bone.parent() {
-            let (b, p) = (bone as usize, parent as usize);
-            let head = rate.heads[b];
-            let [of_bone, of_parent] = [b, p].map(|i| posed.transforms[i].matrix3 * head);
-            shifts[b] = shifts[p] + of_parent - of_bone;
+            let head = rate.heads[bone];
+            let [of_bone, of_parent] = [bone, parent].map(|i| posed.transforms[i].matrix3 * head);
+            shifts[bone] = shifts[parent] + of_parent - of_bone;
         }
     }
     shifts
@@ -393,10 +389,10 @@ impl Shared {
     }
 
     /// How far each keypoint lies from its stretched place, in the reference pose
-    pub(super) fn keypoint_offsets(&self) -> [DVec3; Joint::COUNT] {
-        let mut offsets = [DVec3::ZERO; Joint::COUNT];
+    pub(super) fn keypoint_offsets(&self) -> PerJoint<DVec3> {
+        let mut offsets = PerJoint::splat(DVec3::ZERO);
         for (joint, offset) in OFFSET_JOINTS.iter().zip(self.offsets) {
-            offsets[*joint as usize] = offset;
+            offsets[*joint] = offset;
         }
         offsets
     }
@@ -417,11 +413,11 @@ struct Jacobian<'a> {
     shared_sigmas: [f64; SHARED_COUNT],
     motions: [Motion; POSE_COUNT],
     /// For each scale, rates of the bones' translations
-    shifts: Option<Vec<[DVec3; Bone::COUNT]>>,
+    shifts: Option<Vec<PerBone<DVec3>>>,
     rates: Option<&'a [ScaledFrame]>,
     free_posture: bool,
     posed: &'a PosedBones,
-    joints: &'a [DVec3; Joint::COUNT],
+    joints: &'a PerJoint<DVec3>,
 }
 
 impl Jacobian<'_> {
@@ -440,12 +436,12 @@ impl Jacobian<'_> {
             }
         };
         let bone = joint.bone();
-        let point = self.joints[joint as usize];
+        let point = self.joints[joint];
         let mut ancestor = Some(bone);
         while let Some(moving) = ancestor {
             let posture = POSTURE_BONES.iter().position(|&(bone, _)| bone == moving);
             for k in 0..3 {
-                let parameter = 3 * moving as usize + k;
+                let parameter = Pose::first_parameter(moving) + k;
                 let velocity = self.motions[parameter].velocity(point);
                 put(parameter, velocity * self.pose_sigmas[parameter]);
                 if let (Some(posture), true) = (posture, self.free_posture) {
@@ -462,9 +458,9 @@ impl Jacobian<'_> {
         let (Some(rates), Some(shifts)) = (self.rates, &self.shifts) else {
             return;
         };
-        let rotation = self.posed.transforms[bone as usize].matrix3;
+        let rotation = self.posed.transforms[bone].matrix3;
         for (i, (rate, shift)) in rates.iter().zip(shifts).enumerate() {
-            let velocity = rotation * rate.keypoints[joint as usize] + shift[bone as usize];
+            let velocity = rotation * rate.keypoints[joint] + shift[bone];
             put(POSE_COUNT + i, velocity * self.shared_sigmas[i]);
         }
         if let Some(offset) = OFFSET_JOINTS.iter().position(|&j| j == joint) {

@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 
 use pirouette_body::Avatar;
 use pirouette_body::SkinWeight;
-use pirouette_body::{Bone, Joint};
+use pirouette_body::{Bone, Joint, PerBone, PerJoint};
 
 /// A length of the body that is estimated; left and right limbs share it
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -82,12 +82,12 @@ struct Stretch {
 }
 
 impl Stretch {
-    fn of(bone: Bone, heads: &[DVec3; Bone::COUNT]) -> Self {
+    fn of(bone: Bone, heads: &PerBone<DVec3>) -> Self {
         let x = DMat3::from_diagonal(DVec3::X);
         let y = DMat3::from_diagonal(DVec3::Y);
         let z = DMat3::from_diagonal(DVec3::Z);
         let along = |child: Bone| {
-            let d = (heads[child as usize] - heads[bone as usize]).normalize_or_zero();
+            let d = (heads[child] - heads[bone]).normalize_or_zero();
             DMat3::from_cols(d * d.x, d * d.y, d * d.z)
         };
         let parts = match bone {
@@ -139,9 +139,9 @@ impl Stretch {
 /// solved for; the finished surface is put on the floor by its own lowest vertex.
 #[derive(Debug, Clone)]
 pub(super) struct Frame {
-    heads: [DVec3; Bone::COUNT],
-    keypoints: [DVec3; Joint::COUNT],
-    stretches: [Stretch; Bone::COUNT],
+    heads: PerBone<DVec3>,
+    keypoints: PerJoint<DVec3>,
+    stretches: PerBone<Stretch>,
     crown: (DVec3, SkinWeight),
     sole: (DVec3, SkinWeight),
 }
@@ -149,8 +149,8 @@ pub(super) struct Frame {
 /// The figure's frame with some scales applied, on the floor, the axis where the avatar has it
 #[derive(Debug, Clone)]
 pub(super) struct ScaledFrame {
-    pub(super) heads: [DVec3; Bone::COUNT],
-    pub(super) keypoints: [DVec3; Joint::COUNT],
+    pub(super) heads: PerBone<DVec3>,
+    pub(super) keypoints: PerJoint<DVec3>,
     pub(super) stature_mm: f64,
 }
 
@@ -164,7 +164,7 @@ impl Frame {
         Some(Self {
             heads,
             keypoints: avatar.keypoints,
-            stretches: Bone::ALL.map(|bone| Stretch::of(bone, &heads)),
+            stretches: PerBone::from_fn(|bone| Stretch::of(bone, &heads)),
             crown: (crown, crown_weight),
             sole: (sole, sole_weight),
         })
@@ -173,7 +173,11 @@ impl Frame {
     /// The frame with these scales
     pub(super) fn scaled(&self, scales: &BoneScales) -> ScaledFrame {
         let matrices = self.stretches.map(|stretch| stretch.matrix(scales));
-        self.assemble(&Stretched::new(&self.heads, matrices, self.heads[0]))
+        self.assemble(&Stretched::new(
+            &self.heads,
+            matrices,
+            self.heads[Bone::Root],
+        ))
     }
 
     /// Rates of everything in [`Frame::scaled`] by one logarithmic scale
@@ -197,18 +201,17 @@ impl Frame {
 
 /// Bones after stretching: points hang on the new heads by the bones' matrices
 struct Stretched<'a> {
-    rest: &'a [DVec3; Bone::COUNT],
-    matrices: [DMat3; Bone::COUNT],
-    heads: [DVec3; Bone::COUNT],
+    rest: &'a PerBone<DVec3>,
+    matrices: PerBone<DMat3>,
+    heads: PerBone<DVec3>,
 }
 
 impl<'a> Stretched<'a> {
-    fn new(rest: &'a [DVec3; Bone::COUNT], matrices: [DMat3; Bone::COUNT], root: DVec3) -> Self {
-        let mut heads = [root; Bone::COUNT];
+    fn new(rest: &'a PerBone<DVec3>, matrices: PerBone<DMat3>, root: DVec3) -> Self {
+        let mut heads = PerBone::splat(root);
         for bone in Bone::ALL {
             if let Some(parent) = bone.parent() {
-                let (b, p) = (bone as usize, parent as usize);
-                heads[b] = heads[p] + matrices[p] * (rest[b] - rest[p]);
+                heads[bone] = heads[parent] + matrices[parent] * (rest[bone] - rest[parent]);
             }
         }
         Self {
@@ -219,8 +222,7 @@ impl<'a> Stretched<'a> {
     }
 
     fn carry(&self, bone: Bone, point: DVec3) -> DVec3 {
-        let b = bone as usize;
-        self.heads[b] + self.matrices[b] * (point - self.rest[b])
+        self.heads[bone] + self.matrices[bone] * (point - self.rest[bone])
     }
 
     fn blend(&self, point: DVec3, weight: &SkinWeight) -> DVec3 {
@@ -230,8 +232,8 @@ impl<'a> Stretched<'a> {
             .sum()
     }
 
-    fn keypoints(&self, rest: &[DVec3; Joint::COUNT]) -> [DVec3; Joint::COUNT] {
-        let mut keypoints = Joint::ALL.map(|j| self.carry(j.bone(), rest[j as usize]));
+    fn keypoints(&self, rest: &PerJoint<DVec3>) -> PerJoint<DVec3> {
+        let mut keypoints = PerJoint::from_fn(|j| self.carry(j.bone(), rest[j]));
         set_middles(&mut keypoints);
         keypoints
     }
@@ -242,15 +244,15 @@ impl<'a> Stretched<'a> {
     /// Seen from the side, an axis a few mm off moves the reference view by pixels, to the right in one profile and
     /// to the left in the other, and silhouettes normalized to it no longer agree.
     fn floor_origin(&self, floor: f64) -> DVec3 {
-        let [left, right] = [Bone::LeftFoot, Bone::RightFoot].map(|b| self.heads[b as usize]);
+        let [left, right] = [Bone::LeftFoot, Bone::RightFoot].map(|b| self.heads[b]);
         DVec3::new((left.x + right.x) / 2.0, floor, 0.0)
     }
 }
 
 /// The neck is the middle of the shoulders, the mid hip the middle of the hips
-fn set_middles(keypoints: &mut [DVec3; Joint::COUNT]) {
+fn set_middles(keypoints: &mut PerJoint<DVec3>) {
     for (middle, [left, right]) in MIDDLES {
-        keypoints[middle as usize] = (keypoints[left as usize] + keypoints[right as usize]) / 2.0;
+        keypoints[middle] = (keypoints[left] + keypoints[right]) / 2.0;
     }
 }
 
@@ -265,8 +267,8 @@ pub(super) const MIDDLES: [(Joint, [Joint; 2]); 2] = [
 /// Joints move, the surface follows by its skinning weights, vertices keep their order. The result stands on y = 0 with the turning axis as far behind the hips as it was.
 pub fn rescale_avatar(avatar: &Avatar, scales: &BoneScales) -> Avatar {
     let rest = &avatar.bone_heads;
-    let matrices = Bone::ALL.map(|bone| Stretch::of(bone, rest).matrix(scales));
-    let stretched = Stretched::new(rest, matrices, rest[Bone::Root as usize]);
+    let matrices = PerBone::from_fn(|bone| Stretch::of(bone, rest).matrix(scales));
+    let stretched = Stretched::new(rest, matrices, rest[Bone::Root]);
     let mut scaled = avatar.clone();
     for (point, weight) in scaled.mesh.positions.iter_mut().zip(&avatar.weights) {
         *point = stretched.blend(*point, weight);

@@ -6,7 +6,7 @@ use super::model::{CameraPrior, Observed, ViewData};
 use super::{KeypointView, SkeletonFitError, SkeletonFitOptions, SkeletonFitWarning};
 use crate::scan::CameraSetup;
 use pirouette_body::Avatar;
-use pirouette_body::{Joint, Keypoint, Keypoints};
+use pirouette_body::{Joint, Keypoint, Keypoints, PerJoint};
 
 /// Standard deviation of a confident keypoint, in px at [`NOMINAL_STATURE_PX`]
 const CONFIDENT_SIGMA_PX: f64 = 3.0;
@@ -80,11 +80,11 @@ pub(super) fn prepare(
     options: &SkeletonFitOptions,
     warnings: &mut Vec<SkeletonFitWarning>,
 ) -> Result<Start, SkeletonFitError> {
-    let found: Vec<[Option<Keypoint>; Joint::COUNT]> = views
+    let found: Vec<PerJoint<Option<Keypoint>>> = views
         .iter()
         .map(|view| {
             let (width, height) = (view.width_px as f64, view.height_px as f64);
-            Joint::ALL.map(|joint| usable(&view.keypoints, joint, width, height))
+            PerJoint::from_fn(|joint| usable(&view.keypoints, joint, width, height))
         })
         .collect();
     let total: usize = found.iter().map(|f| f.iter().flatten().count()).sum();
@@ -161,7 +161,7 @@ pub(super) fn prepare(
 /// Arms move too much to tell.
 fn scale_of_view(
     avatar: &Avatar,
-    joints: &[Option<Keypoint>; Joint::COUNT],
+    joints: &PerJoint<Option<Keypoint>>,
     min_rise_mm: f64,
 ) -> Option<f64> {
     let points: Vec<DVec2> = Joint::ALL
@@ -173,8 +173,8 @@ fn scale_of_view(
             )
         })
         .filter_map(|&joint| {
-            let keypoint = joints[joint as usize]?;
-            let height_mm = avatar.keypoints[joint as usize].y;
+            let keypoint = joints[joint]?;
+            let height_mm = avatar.keypoints[joint].y;
             Some(DVec2::new(height_mm, -keypoint.position.y))
         })
         .collect();

@@ -87,7 +87,7 @@ impl SwapGroup {
 
     fn swap_observed(self, view: &mut ViewData) {
         for &left in self.left_joints() {
-            view.observed.swap(left as usize, left.mirrored() as usize);
+            view.observed.swap(left, left.mirrored());
         }
     }
 }
@@ -168,7 +168,7 @@ fn suspicious_limbs(
     };
     let wrong = |joint: Joint| {
         let bone = joint.bone() as usize;
-        let residual = residuals[joint as usize].map_or(0.0, |r| r.length());
+        let residual = residuals[joint].map_or(0.0, |r| r.length());
         let bend = pose[3 * bone..3 * bone + 3]
             .iter()
             .fold(0.0, |most: f64, x| most.max(x.abs()));

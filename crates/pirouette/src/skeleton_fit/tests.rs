@@ -118,9 +118,7 @@ fn a_posture_of_its_own_is_told_from_sway() {
     });
     let found = solved(&bent);
     for bone in [Bone::LeftForearm, Bone::RightForearm] {
-        let degrees = found.skeleton.posture.rotations[bone as usize]
-            .x
-            .to_degrees();
+        let degrees = found.skeleton.posture.rotations[bone].x.to_degrees();
         assert!((-45.0..-15.0).contains(&degrees), "{degrees}");
     }
     assert!(found.skeleton.swaps.is_empty());
@@ -271,7 +269,7 @@ fn a_view_without_keypoints_takes_the_mean_pose() {
         .iter()
         .enumerate()
         .filter(|&(view, _)| view != 3);
-    let bone = Bone::LeftForearm as usize;
+    let bone = Bone::LeftForearm;
     let mean = others
         .map(|(_, view)| view.pose.rotations[bone])
         .sum::<DVec3>()
@@ -343,9 +341,8 @@ fn rescaling_stretches_bones_and_keeps_soles_and_axis() {
     only_shins.logs[BoneScale::Shin as usize] = 1.1_f64.ln();
     let rest = body();
     let long = rescale_avatar(&rest, &only_shins);
-    let length = |avatar: &Avatar, a: Bone, b: Bone| {
-        (avatar.bone_heads[a as usize] - avatar.bone_heads[b as usize]).length()
-    };
+    let length =
+        |avatar: &Avatar, a: Bone, b: Bone| (avatar.bone_heads[a] - avatar.bone_heads[b]).length();
     for bone in Bone::ALL {
         let Some(parent) = bone.parent() else {
             continue;
@@ -356,9 +353,9 @@ fn rescaling_stretches_bones_and_keeps_soles_and_axis() {
     }
     let (low, _) = long.mesh.bounds().unwrap();
     assert!(low.y.abs() < 1e-9);
-    let feet = [Bone::LeftFoot, Bone::RightFoot].map(|b| long.bone_heads[b as usize]);
+    let feet = [Bone::LeftFoot, Bone::RightFoot].map(|b| long.bone_heads[b]);
     assert!((feet[0] + feet[1]).x.abs() < 1e-9);
-    let hips = |avatar: &Avatar| avatar.bone_heads[Bone::Root as usize];
+    let hips = |avatar: &Avatar| avatar.bone_heads[Bone::Root];
     assert!((hips(&long).z - hips(&rest).z).abs() < 1e-9);
 }
 
@@ -472,8 +469,8 @@ fn mirrored_photos_give_mirrored_poses() {
     let found = solved(&Truth { views, ..truth });
     for (view, pose) in reference.views.iter().map(|v| &v.pose).enumerate() {
         for bone in Bone::ALL {
-            let a = pose.rotations[bone as usize];
-            let b = found.views[view].pose.rotations[bone.mirrored() as usize];
+            let a = pose.rotations[bone];
+            let b = found.views[view].pose.rotations[bone.mirrored()];
             // rotation vectors are axial: x stays, y and z flip
             assert!((DVec3::new(a.x, -a.y, -a.z) - b).length() < 1e-6);
         }

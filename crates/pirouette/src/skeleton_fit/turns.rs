@@ -88,7 +88,7 @@ fn mean_turn(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> f64 {
         .filter(|(view, _)| view.observed_count() > 0)
         .map(|(_, pose)| {
             let pose: Pose = shared.pose(pose);
-            pose.rotations[Bone::Root as usize].y
+            pose.rotations[Bone::Root].y
         })
         .collect();
     turns.iter().sum::<f64>() / turns.len().max(1) as f64

@@ -259,7 +259,7 @@ fn push_inverse_binds(buffer: &mut Buffer, skin: &Skin) -> usize {
 
 /// One node per bone, parents first; the first one has index `first`
 fn bone_nodes(skin: &Skin, first: usize) -> impl Iterator<Item = Value> {
-    let head = |bone: Bone| skin.bone_heads[bone as usize];
+    let head = |bone: Bone| skin.bone_heads[bone];
     Bone::ALL.into_iter().map(move |bone| {
         let offset = head(bone) - bone.parent().map_or(DVec3::ZERO, head);
         let mut node = json!({
@@ -391,7 +391,7 @@ mod tests {
             assert_eq!(read.mesh.triangles.len(), avatar.mesh.triangles.len());
             for bone in Bone::ALL {
                 let (a, b) = (read.bone_heads, avatar.bone_heads);
-                let off = a[bone as usize] - b[bone as usize];
+                let off = a[bone] - b[bone];
                 assert!(off.length() < 0.01, "{bone:?} {off}");
             }
             let rotations = std::array::from_fn(|i| 0.4 * (1.7 * i as f64).sin());

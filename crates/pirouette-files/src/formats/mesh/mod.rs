@@ -18,9 +18,8 @@ use std::fmt;
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 
-use pirouette_body::Avatar;
-use pirouette_body::Bone;
 use pirouette_body::SkinWeight;
+use pirouette_body::{Avatar, PerBone};
 
 pub use glb::write_glb;
 pub use obj::{read_obj, write_obj};
@@ -45,7 +44,7 @@ pub struct Skin<'a> {
     /// One skinning weight per vertex, same order as the mesh's positions
     pub weights: &'a [SkinWeight],
     /// Where each bone turns, in the frame of the mesh
-    pub bone_heads: &'a [DVec3; Bone::COUNT],
+    pub bone_heads: &'a PerBone<DVec3>,
 }
 
 impl<'a> From<&'a TriMesh> for BodyMesh<'a> {

@@ -18,7 +18,7 @@ use super::{Girth, Landmark};
 use levels::{Levels, STEP, profile};
 use pirouette_body::Bone;
 use pirouette_body::TurnAngle;
-use pirouette_body::{Avatar, ReferencePose};
+use pirouette_body::{Avatar, PerBone, ReferencePose};
 use pirouette_body::{Pose, SkinWeight, pose_bones};
 pub(super) use slice::Plane;
 use slice::Slicer;
@@ -95,12 +95,12 @@ pub(super) fn with_lowered_arms(avatar: &Avatar) -> Option<Avatar> {
     let mut pose = Pose::default();
     let angle = ReferencePose::A.arm_angle_degrees() - avatar.pose.arm_angle_degrees();
     let down = DVec3::Z * angle.to_radians();
-    pose.rotations[Bone::LeftUpperArm as usize] = -down;
-    pose.rotations[Bone::RightUpperArm as usize] = down;
+    pose.rotations[Bone::LeftUpperArm] = -down;
+    pose.rotations[Bone::RightUpperArm] = down;
     let posed = pose_bones(&avatar.bone_heads, &pose, TurnAngle::default());
     let mut lowered = avatar.clone();
     lowered.mesh.positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
-    lowered.bone_heads = std::array::from_fn(|b| posed.head(Bone::ALL[b]));
+    lowered.bone_heads = PerBone::from_fn(|bone| posed.head(bone));
     Some(lowered)
 }
 
@@ -108,7 +108,7 @@ pub(super) fn with_lowered_arms(avatar: &Avatar) -> Option<Avatar> {
 struct Body<'a> {
     mesh: &'a TriMesh,
     surface: Slicer<'a>,
-    heads: &'a [DVec3; Bone::COUNT],
+    heads: &'a PerBone<DVec3>,
     stature: f64,
     /// Everything except the arms
     armless: Vec<bool>,
@@ -137,7 +137,7 @@ impl<'a> Body<'a> {
     fn new(
         mesh: &'a TriMesh,
         weights: &'a [SkinWeight],
-        heads: &'a [DVec3; Bone::COUNT],
+        heads: &'a PerBone<DVec3>,
     ) -> Option<Self> {
         let (low, high) = mesh.bounds()?;
         let stature = high.y - low.y;
@@ -155,7 +155,7 @@ impl<'a> Body<'a> {
             .zip(&right_arm)
             .map(|(l, r)| !l && !r)
             .collect();
-        let middle = (heads[Bone::LeftThigh as usize].x + heads[Bone::RightThigh as usize].x) / 2.0;
+        let middle = (heads[Bone::LeftThigh].x + heads[Bone::RightThigh].x) / 2.0;
         let legs = |outward: f64| -> Vec<bool> {
             let vertices = mesh.positions.iter().zip(&armless);
             vertices
@@ -185,7 +185,7 @@ impl<'a> Body<'a> {
             foot: Bone::RightFoot,
             outward: -1.0,
         };
-        let arm = heads[Bone::LeftForearm as usize] - heads[Bone::LeftUpperArm as usize];
+        let arm = heads[Bone::LeftForearm] - heads[Bone::LeftUpperArm];
         Some(Self {
             lifted: arm.y.abs() < arm.x.abs() / 2.0,
             mesh,
@@ -200,7 +200,7 @@ impl<'a> Body<'a> {
     }
 
     fn head(&self, bone: Bone) -> DVec3 {
-        self.heads[bone as usize]
+        self.heads[bone]
     }
 
     fn middle_of(&self, left: Bone, right: Bone) -> DVec3 {

@@ -2,8 +2,8 @@ use std::sync::LazyLock;
 
 use super::*;
 use crate::measure::measure_figure;
-use pirouette_body::Sex;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
+use pirouette_body::{PerBone, Sex};
 
 static WOMAN: LazyLock<Avatar> = LazyLock::new(|| {
     let parameters = MannequinParameters {
@@ -64,7 +64,7 @@ fn level_tapes_agree_with_surveys() {
 #[test]
 fn arm_tapes_are_perpendicular_to_the_bones() {
     let found = find_on(&WOMAN);
-    let head = |bone: Bone| WOMAN.bone_heads[bone as usize];
+    let head = |bone: Bone| WOMAN.bone_heads[bone];
     let sections = find_sections(&WOMAN).0;
     for (girth, from, to, zone) in [
         (
@@ -254,7 +254,7 @@ fn level_arms_do_not_reach_the_bust() {
 
 #[test]
 fn missing_parts_give_no_loop() {
-    let with = |mesh: TriMesh, weights: Vec<SkinWeight>, bone_heads: [DVec3; Bone::COUNT]| {
+    let with = |mesh: TriMesh, weights: Vec<SkinWeight>, bone_heads: PerBone<DVec3>| {
         find_sections(&Avatar {
             mesh,
             weights,
@@ -264,7 +264,7 @@ fn missing_parts_give_no_loop() {
     };
     let (tapes, landmarks) = with(TriMesh::default(), Vec::new(), WOMAN.bone_heads);
     assert!(tapes.is_empty() && landmarks.is_empty());
-    let lost = [DVec3::NAN; Bone::COUNT];
+    let lost = PerBone::splat(DVec3::NAN);
     let (tapes, _) = with(WOMAN.mesh.clone(), WOMAN.weights.clone(), lost);
     assert!(tapes.iter().all(|t| t.vertices.len() >= 3));
     let flat = TriMesh {

@@ -4,9 +4,9 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::TriMesh;
 
 use super::super::*;
-use pirouette_body::Keypoint;
 use pirouette_body::ReferencePose;
 use pirouette_body::SkinWeight;
+use pirouette_body::{Keypoint, PerBone, PerJoint};
 
 pub(super) const STATURE_MM: f64 = 1700.0;
 
@@ -15,8 +15,8 @@ pub(super) fn mirrored(p: DVec3) -> DVec3 {
 }
 
 /// Bone heads in the A-pose
-pub(super) fn heads() -> [DVec3; Bone::COUNT] {
-    let mut heads = [DVec3::ZERO; Bone::COUNT];
+pub(super) fn heads() -> PerBone<DVec3> {
+    let mut heads = PerBone::splat(DVec3::ZERO);
     for (bone, head) in [
         (Bone::Root, [0.0, 930.0, -10.0]),
         (Bone::LowerSpine, [0.0, 960.0, 0.0]),
@@ -31,9 +31,9 @@ pub(super) fn heads() -> [DVec3; Bone::COUNT] {
         (Bone::LeftShin, [130.0, 490.0, 10.0]),
         (Bone::LeftFoot, [160.0, 80.0, -20.0]),
     ] {
-        heads[bone as usize] = DVec3::from_array(head);
+        heads[bone] = DVec3::from_array(head);
         if bone.mirrored() != bone {
-            heads[bone.mirrored() as usize] = mirrored(DVec3::from_array(head));
+            heads[bone.mirrored()] = mirrored(DVec3::from_array(head));
         }
     }
     heads
@@ -42,8 +42,8 @@ pub(super) fn heads() -> [DVec3; Bone::COUNT] {
 /// A body of boxes around the bones: enough for crown, soles and bone lengths
 pub(super) fn body() -> Avatar {
     let heads = heads();
-    let head = |bone: Bone| heads[bone as usize];
-    let mut keypoints = [DVec3::ZERO; Joint::COUNT];
+    let head = |bone: Bone| heads[bone];
+    let mut keypoints = PerJoint::splat(DVec3::ZERO);
     for (joint, point) in [
         (Joint::Nose, DVec3::new(0.0, 1570.0, 120.0)),
         (Joint::LeftEye, DVec3::new(32.0, 1600.0, 100.0)),
@@ -58,13 +58,13 @@ pub(super) fn body() -> Avatar {
         (Joint::LeftSmallToe, DVec3::new(230.0, 20.0, 120.0)),
         (Joint::LeftHeel, DVec3::new(155.0, 30.0, -70.0)),
     ] {
-        keypoints[joint as usize] = point;
+        keypoints[joint] = point;
         if joint.mirrored() != joint {
-            keypoints[joint.mirrored() as usize] = mirrored(point);
+            keypoints[joint.mirrored()] = mirrored(point);
         }
     }
-    keypoints[Joint::Neck as usize] = DVec3::new(0.0, 1390.0, -10.0);
-    keypoints[Joint::MidHip as usize] = DVec3::new(0.0, 900.0, 0.0);
+    keypoints[Joint::Neck] = DVec3::new(0.0, 1390.0, -10.0);
+    keypoints[Joint::MidHip] = DVec3::new(0.0, 900.0, 0.0);
 
     let (mut positions, mut weights, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
     for bone in Bone::ALL {
@@ -174,7 +174,7 @@ pub(super) fn scan(setting: &Setting) -> Truth {
         parameters[3 * Bone::COUNT + 1] = 0.0; // feet stay on the floor
         let mut pose = Pose::from_parameters(&parameters);
         for bone in [Bone::LeftForearm, Bone::RightForearm] {
-            pose.rotations[bone as usize].x += setting.forearms_degrees.to_radians();
+            pose.rotations[bone].x += setting.forearms_degrees.to_radians();
         }
         let turn = TurnAngle::from_degrees(degrees);
         let posed = pose_bones(&body.bone_heads, &pose, turn);
