@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
+use pirouette_body::Pose;
 use pirouette_body::TurnAngle;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::{Avatar, ReferencePose, gltf, render};
-use pirouette_body::{Pose, pose_bones};
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::formats::photo::{encode_mask, encode_photo_png};
 use pirouette_files::sink::write_whole;
@@ -95,8 +95,7 @@ fn avatar(args: &AvatarArgs) -> Result<Avatar> {
 fn picture(avatar: &Avatar, turn: TurnAngle, shaded: bool) -> Result<Vec<u8>> {
     let (width, height) = PICTURE_SIZE_PX;
     let camera = SyntheticOptions::camera_for(avatar.stature_mm(), width, height);
-    let posed = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
-    let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+    let positions = avatar.posed(&Pose::default(), turn).positions;
     let mesh = render::SilhouetteMesh::new(&avatar.mesh.triangles);
     Ok(if shaded {
         encode_photo_png(&render::shade(&mesh, &positions, None, &camera))?

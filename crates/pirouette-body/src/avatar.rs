@@ -7,7 +7,9 @@
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 
-use crate::{PerBone, PerJoint, ReferencePose, SkinWeight};
+use crate::{
+    PerBone, PerJoint, Pose, PosedBones, ReferencePose, SkinWeight, TurnAngle, pose_bones,
+};
 
 /// Distance of the turning axis behind the midpoint of the hip joints, as a share of the stature
 ///
@@ -33,21 +35,57 @@ pub struct Avatar {
 }
 
 impl Avatar {
-    /// Returns the same avatar scaled to another stature, in mm
-    pub fn scaled_to(mut self, stature_mm: f64) -> Self {
-        let scale = stature_mm / self.stature_mm();
-        if scale.is_finite() && scale > 0.0 {
-            for p in self
-                .mesh
-                .positions
-                .iter_mut()
-                .chain(&mut self.bone_heads)
-                .chain(&mut self.keypoints)
-            {
-                *p *= scale;
-            }
+    /// Returns the bones and the surface in a pose, in the room
+    pub fn posed(&self, pose: &Pose, turn: TurnAngle) -> PosedAvatar {
+        let bones = pose_bones(&self.bone_heads, pose, turn);
+        let positions = bones.skin(&self.mesh.positions, &self.weights);
+        PosedAvatar { bones, positions }
+    }
+
+    /// Returns the avatar with `pose` as its reference pose: vertices, bone heads and keypoints are moved
+    ///
+    /// [`Avatar::pose`] is unchanged; the soles may leave the floor.
+    pub fn reposed(&self, pose: &Pose) -> Self {
+        let PosedAvatar { bones, positions } = self.posed(pose, TurnAngle::default());
+        Self {
+            mesh: TriMesh {
+                positions,
+                triangles: self.mesh.triangles.clone(),
+            },
+            weights: self.weights.clone(),
+            bone_heads: bones.heads(),
+            keypoints: bones.keypoints(&self.keypoints),
+            pose: self.pose,
         }
+    }
+
+    /// Returns the avatar scaled to another stature, in mm; unchanged if the ratio of statures is not positive and finite
+    pub fn scaled_to(self, stature_mm: f64) -> Self {
+        let factor = stature_mm / self.stature_mm();
+        if factor.is_finite() && factor > 0.0 {
+            self.scaled(factor)
+        } else {
+            self
+        }
+    }
+
+    /// Multiplies all coordinates by a factor
+    pub fn scaled(mut self, factor: f64) -> Self {
+        self.points_mut().for_each(|p| *p *= factor);
         self
+    }
+
+    /// Moves vertices, bone heads and keypoints, in mm
+    pub fn shifted(mut self, shift_mm: DVec3) -> Self {
+        self.points_mut().for_each(|p| *p += shift_mm);
+        self
+    }
+
+    fn points_mut(&mut self) -> impl Iterator<Item = &mut DVec3> {
+        let vertices = self.mesh.positions.iter_mut();
+        vertices
+            .chain(&mut self.bone_heads)
+            .chain(&mut self.keypoints)
     }
 
     /// Checks the invariants that every stage relies on
@@ -84,6 +122,15 @@ impl Avatar {
     }
 }
 
+/// An avatar in one pose
+#[derive(Debug, Clone)]
+pub struct PosedAvatar {
+    /// Transforms of the bones
+    pub bones: PosedBones,
+    /// Vertices in the room, in mm, same order as those of the avatar
+    pub positions: Vec<DVec3>,
+}
+
 /// Largest distance of the soles from the floor, as a share of the stature
 const FLOOR_SLACK: f64 = 0.003;
 
@@ -99,4 +146,65 @@ pub enum AvatarDefect {
     Vertex { vertex: u32 },
     #[error("the lowest point is at {floor_mm:.1} mm instead of the floor")]
     NotOnTheFloor { floor_mm: f64 },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mannequin::{MannequinParameters, mannequin};
+    use crate::{Bone, Joint};
+
+    fn person() -> Avatar {
+        mannequin(&MannequinParameters::default()).unwrap()
+    }
+
+    /// Vertices, bone heads and keypoints
+    fn points(avatar: &Avatar) -> Vec<DVec3> {
+        let vertices = avatar.mesh.positions.iter();
+        let all = vertices.chain(&avatar.bone_heads).chain(&avatar.keypoints);
+        all.copied().collect()
+    }
+
+    fn farthest(a: &[DVec3], b: &[DVec3]) -> f64 {
+        assert_eq!(a.len(), b.len());
+        let distances = a.iter().zip(b).map(|(a, b)| a.distance(*b));
+        distances.fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn scaling_and_shifting_move_vertices_heads_and_keypoints() {
+        let avatar = person();
+        let doubled: Vec<DVec3> = points(&avatar).iter().map(|p| *p * 2.0).collect();
+        assert_eq!(points(&avatar.clone().scaled(2.0)), doubled);
+        let shift = DVec3::new(1.0, -2.0, 3.0);
+        let shifted: Vec<DVec3> = points(&avatar).iter().map(|p| *p + shift).collect();
+        assert_eq!(points(&avatar.clone().shifted(shift)), shifted);
+        assert_eq!(points(&avatar.clone().scaled_to(f64::NAN)), points(&avatar));
+        assert_eq!(points(&avatar.clone().scaled_to(-1.0)), points(&avatar));
+    }
+
+    #[test]
+    fn the_rest_pose_moves_nothing() {
+        let avatar = person();
+        let reposed = avatar.reposed(&Pose::default());
+        assert!(farthest(&points(&reposed), &points(&avatar)) < 1e-9);
+    }
+
+    #[test]
+    fn a_lifted_arm_takes_its_hand_and_wrist_along() {
+        let avatar = person();
+        let mut pose = Pose::default();
+        pose.rotations[Bone::LeftUpperArm] = DVec3::Z * 0.5;
+        let reposed = avatar.reposed(&pose);
+        let rise = |of: fn(&Avatar) -> DVec3| of(&reposed).y - of(&avatar).y;
+        assert!(rise(|a| a.bone_heads[Bone::LeftHand]) > 100.0);
+        assert!(rise(|a| a.keypoints[Joint::LeftWrist]) > 100.0);
+        assert!(rise(|a| a.keypoints[Joint::RightWrist]).abs() < 1e-9);
+        let posed = avatar.posed(&pose, TurnAngle::default());
+        assert_eq!(posed.positions, reposed.mesh.positions);
+        assert_eq!(
+            posed.bones.head(Bone::LeftHand),
+            reposed.bone_heads[Bone::LeftHand]
+        );
+    }
 }

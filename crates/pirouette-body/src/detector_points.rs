@@ -55,8 +55,7 @@ pub(crate) fn find_keypoints(
 ) -> PerJoint<DVec3> {
     let mut points = PerJoint::from_fn(|joint| heads[joint.bone()]);
     let head = |bone: Bone| heads[bone];
-    points[Joint::Neck] = (head(Bone::LeftUpperArm) + head(Bone::RightUpperArm)) / 2.0;
-    points[Joint::MidHip] = (head(Bone::LeftThigh) + head(Bone::RightThigh)) / 2.0;
+    points.set_middles(|left, right| (left + right) / 2.0);
 
     let stature = mesh.bounds().map_or(0.0, |(low, high)| high.y - low.y);
     let of_bone = |bone: Bone| -> Vec<DVec3> {

@@ -7,7 +7,7 @@
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::TurnAngle;
-use crate::{Bone, PerBone};
+use crate::{Bone, PerBone, PerJoint};
 
 /// One pose of the body, relative to the reference pose
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -158,6 +158,16 @@ impl PosedBones {
     /// Returns the bone's head in the room
     pub fn head(&self, bone: Bone) -> DVec3 {
         self.carry(bone, self.heads[bone])
+    }
+
+    /// Returns all bone heads in the room
+    pub fn heads(&self) -> PerBone<DVec3> {
+        PerBone::from_fn(|bone| self.head(bone))
+    }
+
+    /// Maps keypoints of the reference pose into the room, each with the bone of its joint
+    pub fn keypoints(&self, reference: &PerJoint<DVec3>) -> PerJoint<DVec3> {
+        PerJoint::from_fn(|joint| self.carry(joint.bone(), reference[joint]))
     }
 
     /// Blends the bones' transforms for one skinned vertex (linear blend skinning)

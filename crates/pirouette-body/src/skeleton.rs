@@ -42,6 +42,9 @@ impl Joint {
     /// Number of joints
     pub const COUNT: usize = 25;
 
+    /// Joints defined as the midpoint of two others, see [`Joint::middle_of`]
+    pub const MIDDLES: [Joint; 2] = [Joint::Neck, Joint::MidHip];
+
     /// All joints in BODY_25 order
     pub const ALL: [Joint; Joint::COUNT] = [
         Joint::Nose,
@@ -110,6 +113,26 @@ impl Joint {
             21,
         ];
         Joint::ALL[MIRROR[self as usize]]
+    }
+
+    /// Returns the two joints, left then right, whose midpoint defines a joint
+    ///
+    /// The neck is the middle of the shoulders and the mid hip the middle of the hips.
+    pub fn middle_of(self) -> Option<[Joint; 2]> {
+        match self {
+            Joint::Neck => Some([Joint::LeftShoulder, Joint::RightShoulder]),
+            Joint::MidHip => Some([Joint::LeftHip, Joint::RightHip]),
+            _ => None,
+        }
+    }
+
+    /// Returns the joints and weights whose sum is a joint: two halves for a midpoint, otherwise the joint itself
+    pub fn parts(self) -> impl Iterator<Item = (Joint, f64)> {
+        let parts = match self.middle_of() {
+            Some([left, right]) => [Some((left, 0.5)), Some((right, 0.5))],
+            None => [Some((self, 1.0)), None],
+        };
+        parts.into_iter().flatten()
     }
 
     /// Returns the bone that the joint is attached to
@@ -334,6 +357,23 @@ mod tests {
             assert!(bone.descends_from(Bone::Root));
         }
         assert!(!Bone::LeftHand.descends_from(Bone::RightClavicle));
+    }
+
+    #[test]
+    fn middles_lie_between_a_joint_and_its_mirror() {
+        for joint in Joint::ALL {
+            let middle = joint.middle_of();
+            assert_eq!(middle.is_some(), Joint::MIDDLES.contains(&joint));
+            assert!(middle.is_none_or(|[left, right]| left.mirrored() == right));
+            let shares: f64 = joint.parts().map(|(_, share)| share).sum();
+            assert!((shares - 1.0).abs() < f64::EPSILON);
+        }
+        let mut points = PerJoint::splat(0.0_f64);
+        points[Joint::LeftHip] = 3.0;
+        points[Joint::RightHip] = -1.0;
+        points.set_middles(|left, right| (left + right) / 2.0);
+        assert!((points[Joint::MidHip] - 1.0).abs() < f64::EPSILON);
+        assert_eq!(points.iter().filter(|&&p| p != 0.0).count(), 3);
     }
 
     #[test]

@@ -4,8 +4,7 @@ use glam::{DQuat, DVec3};
 
 use crate::Bone;
 use crate::TurnAngle;
-use crate::{Avatar, PerBone, ReferencePose};
-use crate::{Pose, pose_bones};
+use crate::{Avatar, Pose, ReferencePose};
 
 /// Arms within this angle of the requested pose are left unchanged
 ///
@@ -90,7 +89,7 @@ fn apply(avatar: &mut Avatar, pose: &Pose) {
     if *pose == Pose::default() {
         return;
     }
-    let posed = pose_bones(&avatar.bone_heads, pose, TurnAngle::default());
-    avatar.mesh.positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
-    avatar.bone_heads = PerBone::from_fn(|bone| posed.head(bone));
+    let posed = avatar.posed(pose, TurnAngle::default());
+    avatar.mesh.positions = posed.positions;
+    avatar.bone_heads = posed.bones.heads();
 }

@@ -2,6 +2,11 @@
 
 use std::f64::consts::TAU;
 
+/// Nominal stature in px: sizes given in px refer to photos in which the person has this height
+///
+/// A nominal pixel is one of such a photo, regardless of the resolution.
+pub const NOMINAL_STATURE_PX: f64 = 800.0;
+
 /// Rotation of the person since facing the camera, counter-clockwise seen from above
 ///
 /// The person turns to their left: at 90 degrees the nose points to the right edge of the photo.

@@ -20,9 +20,9 @@ use rayon::prelude::*;
 use pirouette::scan::{CameraSetup, Photo, Scan, StatureFrom, Subject, View};
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
-use pirouette_body::{Avatar, PerBone, PerJoint, render};
+use pirouette_body::{Avatar, PerJoint, render};
 use pirouette_body::{Bone, Joint, Keypoint, Keypoints};
-use pirouette_body::{Pose, PosedBones, pose_bones};
+use pirouette_body::{NOMINAL_STATURE_PX, Pose, PosedAvatar, PosedBones};
 
 /// Parameters of the photography of a person
 #[derive(Debug, Clone, PartialEq)]
@@ -116,8 +116,10 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
             let mut pose = sway::sway(turned_more, options.sway, &mut random);
             let off_mm = sway::off_balance_mm(options.sway, stance);
             sway::stand(avatar, turn, off_mm, &mut pose);
-            let posed = pose_bones(&avatar.bone_heads, &pose, turn);
-            let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+            let PosedAvatar {
+                bones: posed,
+                positions,
+            } = avatar.posed(&pose, turn);
             let coverage = render::silhouette(&positions, &avatar.mesh.triangles, &camera);
             let photo = match &painted {
                 Some((look, background)) => {
@@ -133,10 +135,7 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
                 options.keypoint_noise_px,
                 &mut random,
             );
-            let still: Vec<DVec3> = {
-                let bones = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
-                bones.skin(&avatar.mesh.positions, &avatar.weights)
-            };
+            let still = avatar.posed(&Pose::default(), turn).positions;
             let canonical =
                 render::silhouette(&still, &avatar.mesh.triangles, &camera).threshold(0.5);
             let silhouette = coverage.threshold(0.5);
@@ -190,7 +189,7 @@ fn detect(
     random: &mut Random,
 ) -> Keypoints {
     let visible = render::visible_bones(avatar, posed, camera);
-    let scale = camera.focal_px() * avatar.stature_mm() / camera.distance_mm / 800.0;
+    let scale = camera.focal_px() * avatar.stature_mm() / camera.distance_mm / NOMINAL_STATURE_PX;
     let mut points = PerJoint::splat(Keypoint::default());
     for joint in Joint::ALL {
         let place = posed.carry(joint.bone(), avatar.keypoints[joint]);
@@ -206,16 +205,10 @@ fn detect(
             confidence,
         };
     }
-    for (middle, a, b) in [
-        (Joint::Neck, Joint::LeftShoulder, Joint::RightShoulder),
-        (Joint::MidHip, Joint::LeftHip, Joint::RightHip),
-    ] {
-        let (a, b) = (points[a], points[b]);
-        points[middle] = Keypoint {
-            position: (a.position + b.position) / 2.0,
-            confidence: a.confidence.min(b.confidence),
-        };
-    }
+    points.set_middles(|left, right| Keypoint {
+        position: (left.position + right.position) / 2.0,
+        confidence: left.confidence.min(right.confidence),
+    });
     Keypoints::new(points)
 }
 
@@ -247,23 +240,9 @@ pub fn with_posture(avatar: &Avatar, rotations: &[(Bone, DVec3)]) -> Avatar {
     for &(bone, rotation) in rotations {
         pose.rotations[bone] = rotation;
     }
-    let posed = pose_bones(&avatar.bone_heads, &pose, TurnAngle::default());
-    let mut moved = avatar.clone();
-    moved.mesh.positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
-    moved.bone_heads = PerBone::from_fn(|bone| posed.head(bone));
-    moved.keypoints = PerJoint::from_fn(|j| posed.carry(j.bone(), avatar.keypoints[j]));
+    let moved = avatar.reposed(&pose);
     let low = moved.mesh.bounds().map_or(0.0, |(low, _)| low.y);
-    let lift = DVec3::new(0.0, -low, 0.0);
-    for point in moved
-        .mesh
-        .positions
-        .iter_mut()
-        .chain(&mut moved.bone_heads)
-        .chain(&mut moved.keypoints)
-    {
-        *point += lift;
-    }
-    moved
+    moved.shifted(DVec3::new(0.0, -low, 0.0))
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use super::Random;
 use pirouette_body::Avatar;
 use pirouette_body::Bone;
 use pirouette_body::TurnAngle;
-use pirouette_body::{Pose, pose_bones};
+use pirouette_body::{Pose, PosedAvatar};
 
 /// Share of the prior standard deviation that people who try to stand still use in each parameter
 const SWAY_SHARE: f64 = 0.6;
@@ -55,8 +55,7 @@ pub(super) fn stand(avatar: &Avatar, turn: TurnAngle, off_mm: DVec2, pose: &mut 
         let root = &mut pose.rotations[Bone::Root];
         *root = (DQuat::from_scaled_axis(lean) * DQuat::from_scaled_axis(*root)).to_scaled_axis();
     }
-    let posed = pose_bones(&avatar.bone_heads, pose, turn);
-    let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+    let positions = avatar.posed(pose, turn).positions;
     let lowest = positions.iter().fold(f64::INFINITY, |low, p| low.min(p.y));
     if lowest.is_finite() {
         pose.shift_mm.y -= lowest;
@@ -65,12 +64,12 @@ pub(super) fn stand(avatar: &Avatar, turn: TurnAngle, off_mm: DVec2, pose: &mut 
 
 /// Returns the center of mass, from the middle between the ankles, in mm along the axes of the room
 fn above_feet(avatar: &Avatar, turn: TurnAngle, pose: &Pose) -> DVec3 {
-    let posed = pose_bones(&avatar.bone_heads, pose, turn);
+    let PosedAvatar { bones, positions } = avatar.posed(pose, turn);
     let body = TriMesh {
-        positions: posed.skin(&avatar.mesh.positions, &avatar.weights),
+        positions,
         triangles: avatar.mesh.triangles.clone(),
     };
-    let [left, right] = [Bone::LeftFoot, Bone::RightFoot].map(|foot| posed.head(foot));
+    let [left, right] = [Bone::LeftFoot, Bone::RightFoot].map(|foot| bones.head(foot));
     body.center_of_mass().unwrap_or(left) - (left + right) / 2.0
 }
 
@@ -94,8 +93,7 @@ mod tests {
             stand(&avatar, turn, off_mm, &mut pose);
             let off = above_feet(&avatar, turn, &pose) - own;
             assert!((DVec2::new(off.x, off.z) - off_mm).length() < 0.5, "{off}");
-            let posed = pose_bones(&avatar.bone_heads, &pose, turn);
-            let heights = posed.skin(&avatar.mesh.positions, &avatar.weights);
+            let heights = avatar.posed(&pose, turn).positions;
             let lowest = heights.iter().map(|p| p.y).reduce(f64::min).unwrap();
             assert!(lowest.abs() < 1e-6);
         }

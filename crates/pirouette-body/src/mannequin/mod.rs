@@ -166,7 +166,7 @@ fn build_avatar(parameters: &MannequinParameters, spacing: f64) -> Result<Avatar
         .par_iter()
         .map(|&p| skin_weight(&body.field, &body.frame, &heads, p))
         .collect();
-    let mut avatar = Avatar {
+    let avatar = Avatar {
         keypoints: body.keypoints(),
         mesh,
         weights,
@@ -174,20 +174,7 @@ fn build_avatar(parameters: &MannequinParameters, spacing: f64) -> Result<Avatar
         pose: parameters.pose,
     };
     let top = avatar.mesh.bounds().map_or(1.0, |(_, hi)| hi.y);
-    scale(&mut avatar, checked.stature_mm / top);
-    Ok(avatar)
-}
-
-fn scale(avatar: &mut Avatar, factor: f64) {
-    let points = avatar
-        .mesh
-        .positions
-        .iter_mut()
-        .chain(&mut avatar.bone_heads)
-        .chain(&mut avatar.keypoints);
-    for p in points {
-        *p *= factor;
-    }
+    Ok(avatar.scaled(checked.stature_mm / top))
 }
 
 /// Distance between grid corners on the hands, in thousandths of the stature

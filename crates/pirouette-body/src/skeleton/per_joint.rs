@@ -143,6 +143,17 @@ one_value_per! {
     PerBone, Bone
 }
 
+impl<T: Copy> PerJoint<T> {
+    /// Sets neck and mid hip to the midpoints of their left and right joints, see [`Joint::middle_of`]
+    pub fn set_middles(&mut self, middle: impl Fn(T, T) -> T) {
+        for joint in Joint::MIDDLES {
+            if let Some([left, right]) = joint.middle_of() {
+                self[joint] = middle(self[left], self[right]);
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

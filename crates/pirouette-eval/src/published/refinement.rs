@@ -6,10 +6,10 @@ use pirouette::normalize::register::ReferenceContourMap;
 use pirouette::normalize::{RefineOptions, shared_skeleton_joints};
 use pirouette::pipeline::CancelToken;
 use pirouette_body::Camera;
+use pirouette_body::Pose;
 use pirouette_body::TurnAngle;
 use pirouette_body::render::silhouette;
 use pirouette_body::{Bone, PerJoint};
-use pirouette_body::{Pose, pose_bones};
 use pirouette_geom::contour::trace_outline;
 use pirouette_geom::{Grid, Mask};
 use pirouette_synthetic::Random;
@@ -271,8 +271,7 @@ fn picture_of(
 
 fn coverage(person: &Person, pose: &Pose, camera: &Camera) -> Grid<f32> {
     let figure = &person.figure;
-    let posed = pose_bones(&figure.bone_heads, pose, TurnAngle::default());
-    let positions = posed.skin(&figure.mesh.positions, &figure.weights);
+    let positions = figure.posed(pose, TurnAngle::default()).positions;
     silhouette(&positions, &figure.mesh.triangles, camera)
 }
 

@@ -8,11 +8,11 @@ use pirouette::normalize::{RegisterOptions, shared_skeleton_joints};
 use pirouette::pipeline::CancelToken;
 use pirouette_body::Avatar;
 use pirouette_body::Bone;
+use pirouette_body::Pose;
 use pirouette_body::Sex;
 use pirouette_body::TurnAngle;
 use pirouette_body::mannequin::{DEFAULT_BMI, MannequinParameters, mannequin};
 use pirouette_body::render::silhouette;
-use pirouette_body::{Pose, pose_bones};
 use pirouette_geom::chain::RigidMotion;
 use pirouette_geom::contour::trace_outline;
 use pirouette_geom::coverage::fill_polygons;
@@ -424,8 +424,7 @@ fn register_once(
     let joints = shared_skeleton_joints(figure, &pose, turn, &camera).photo;
     let joints = joints.map(|p| Some(moved.apply(p)));
     let coverage = |figure: &Avatar, pose: &Pose| -> Grid<f32> {
-        let posed = pose_bones(&figure.bone_heads, pose, turn);
-        let positions = posed.skin(&figure.mesh.positions, &figure.weights);
+        let positions = figure.posed(pose, turn).positions;
         silhouette(&positions, &figure.mesh.triangles, &camera)
     };
     let target = coverage(reference, &Pose::default());

@@ -17,10 +17,10 @@ use pirouette::normalize::shared_skeleton_joints;
 use pirouette::pipeline::Report;
 use pirouette::scan::{Photo, View};
 use pirouette::view::SolvedView;
+use pirouette_body::Pose;
 use pirouette_body::TurnAngle;
 use pirouette_body::render;
 use pirouette_body::render::SilhouetteMesh;
-use pirouette_body::{Pose, pose_bones};
 
 /// Bodies in the contact sheet are drawn at this part of the photo's size: tiles are no larger
 const BODY_SCALE: f64 = 0.4;
@@ -199,8 +199,7 @@ pub(crate) fn draw_residuals(
 }
 
 fn posed(fit: &FittedBody, pose: &Pose, turn: TurnAngle) -> Vec<DVec3> {
-    let bones = pose_bones(&fit.avatar.bone_heads, pose, turn);
-    bones.skin(&fit.avatar.mesh.positions, &fit.avatar.weights)
+    fit.avatar.posed(pose, turn).positions
 }
 
 fn turned(positions: &[DVec3], turn: TurnAngle) -> Vec<DVec3> {

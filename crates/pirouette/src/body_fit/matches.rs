@@ -28,7 +28,7 @@ const RIM_SPACING: f64 = 12.0;
 pub(super) struct Outline {
     pub(super) points: Vec<EdgePoint>,
     index: PointIndex,
-    /// Size of a nominal pixel in this photo, in px: see [`super::NOMINAL_STATURE_PX`]
+    /// Size of a nominal pixel in this photo, in px: see [`pirouette_body::NOMINAL_STATURE_PX`]
     unit_px: f64,
 }
 

@@ -28,18 +28,13 @@ use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
 use pirouette_body::render::SilhouetteMesh;
 use pirouette_body::{Bone, Joint, Keypoints, PerBone, PerJoint};
-use pirouette_body::{Pose, SkinWeight, pose_bones};
+use pirouette_body::{NOMINAL_STATURE_PX, Pose, SkinWeight, pose_bones};
 use shape_step::ShapeSolver;
 use shared_step::{Reshape, SharedStep, arm_shares, step_together};
 use surface::Surface;
 
 pub use occluding_contour::ContourMesh;
 pub use targets::OutlineTargets;
-
-/// Height of the person in the photos for which the pixel values of the fit are given
-///
-/// A nominal pixel is one of such a photo, whatever the resolution.
-pub(crate) const NOMINAL_STATURE_PX: f64 = 800.0;
 
 /// One view to fit
 #[derive(Debug, Clone, Copy)]
@@ -267,8 +262,8 @@ impl<'a> Body<'a> {
         let posed = pose_bones(&self.bone_heads, pose, TurnAngle::default());
         self.rest = posed.skin(&self.rest, self.weights);
         self.positions = posed.skin(&self.positions, self.weights);
-        self.bone_heads = PerBone::from_fn(|bone| posed.head(bone));
-        self.keypoints = PerJoint::from_fn(|j| posed.carry(j.bone(), self.keypoints[j]));
+        self.bone_heads = posed.heads();
+        self.keypoints = posed.keypoints(&self.keypoints);
     }
 }
 
@@ -418,8 +413,7 @@ fn overlaps(fitted: &Avatar, views: &[BodyFitView], poses: &[Pose]) -> Vec<Optio
         .par_iter()
         .zip(poses)
         .map(|(view, pose)| {
-            let posed = pose_bones(&fitted.bone_heads, pose, view.turn);
-            let positions = posed.skin(&fitted.mesh.positions, &fitted.weights);
+            let positions = fitted.posed(pose, view.turn).positions;
             let coverage = mesh.silhouette(&positions, &view.camera);
             let mask = view.silhouette.whole().threshold(0.5);
             Some(coverage.threshold(0.5).iou(&mask))

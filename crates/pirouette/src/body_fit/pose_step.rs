@@ -183,12 +183,10 @@ fn add_keypoints(
         let Some((seen, sigma_px)) = view.keypoint(joint) else {
             continue;
         };
-        let parts = joint_parts(joint);
-        let share = 1.0 / parts.len() as f64;
         let (mut point, mut rates) = (DVec3::ZERO, [DVec3::ZERO; 2]);
-        for part in parts {
+        for (part, share) in joint.parts() {
             let arms = arm_shares(&SkinWeight::rigid(part.bone()));
-            let reference = body.keypoints[*part];
+            let reference = body.keypoints[part];
             let reshaped = frame.rates(reference, arms);
             let reference = shared.reshaped(reference, reshaped);
             point += posed.carry(part.bone(), reference) * share;
@@ -197,7 +195,7 @@ fn add_keypoints(
                 *sum += rotation * rate * share;
             }
         }
-        let shares = shares(parts.iter().map(|part| (part.bone(), share)));
+        let shares = shares(joint.parts().map(|(part, share)| (part.bone(), share)));
         let residual = camera.project(point) - seen;
         let scaled = residual / sigma_px;
         let robust = 1.0 / (1.0 + scaled.abs().max_element().powi(2) / KEYPOINT_WIDTH.powi(2));
@@ -208,14 +206,5 @@ fn add_keypoints(
             fill_shared(view, gradient, point, rates, &mut row, &mut active);
             equations.add(&active, &row, residual, weight);
         }
-    }
-}
-
-/// The joints in whose middle a joint lies
-fn joint_parts(joint: Joint) -> &'static [Joint] {
-    match joint {
-        Joint::Neck => &[Joint::LeftShoulder, Joint::RightShoulder],
-        Joint::MidHip => &[Joint::LeftHip, Joint::RightHip],
-        _ => &Joint::ALL[joint as usize..=joint as usize],
     }
 }

@@ -2,13 +2,12 @@
 
 use glam::DVec2;
 
-use super::NOMINAL_STATURE_PX;
 use super::occluding_contour::ContourMesh;
 use super::outline::{EdgePoint, PointIndex};
 use pirouette_body::Avatar;
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
-use pirouette_body::{Pose, pose_bones};
+use pirouette_body::{NOMINAL_STATURE_PX, Pose, PosedAvatar, pose_bones};
 
 /// Outline points take part in the motion of the rim within this distance, in nominal px
 const RADIUS: f64 = 12.0;
@@ -37,11 +36,13 @@ impl OutlineTargets {
         camera: &Camera,
     ) -> Self {
         let mesh = &avatar.mesh;
-        let photo = pose_bones(&avatar.bone_heads, pose, turn);
+        let PosedAvatar {
+            bones: photo,
+            positions: posed,
+        } = avatar.posed(pose, turn);
         let reference = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
         let stature_px = camera.focal_px() * avatar.stature_mm() / camera.distance_mm;
         let unit_px = stature_px / NOMINAL_STATURE_PX;
-        let posed = photo.skin(&mesh.positions, &avatar.weights);
         let rim = rim.rim(&posed, camera, unit_px);
         let moved = rim
             .iter()

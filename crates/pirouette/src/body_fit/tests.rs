@@ -2,10 +2,10 @@ use pirouette_geom::section::{plane_section, tape_length};
 
 use super::*;
 use crate::measure::{Measure, measure_figure};
-use pirouette_body::Keypoint;
 use pirouette_body::Sex;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::render::silhouette;
+use pirouette_body::{Keypoint, PosedAvatar};
 use pirouette_geom::Grid;
 use pirouette_synthetic::{Random, SyntheticOptions};
 
@@ -23,8 +23,10 @@ impl Seen {
         let stature_mm = figure.stature_mm();
         let camera = SyntheticOptions::camera_for(stature_mm, 320, 400);
         let seen = turns.iter().zip(poses).map(|(&turn, pose)| {
-            let posed = pose_bones(&figure.bone_heads, pose, turn);
-            let positions = posed.skin(&figure.mesh.positions, &figure.weights);
+            let PosedAvatar {
+                bones: posed,
+                positions,
+            } = figure.posed(pose, turn);
             let mut keypoints = Keypoints::default();
             for joint in Joint::ALL {
                 let point = match joint {
@@ -294,8 +296,7 @@ fn the_rim_of_a_figure_lies_on_its_silhouettes_outline() {
     let truth = figure(Sex::Female, 62.0);
     let seen = Seen::still(&truth, 3);
     for (view, turn) in seen.turns.iter().enumerate() {
-        let posed = pose_bones(&truth.bone_heads, &Pose::default(), *turn);
-        let positions = posed.skin(&truth.mesh.positions, &truth.weights);
+        let positions = truth.posed(&Pose::default(), *turn).positions;
         let mesh = occluding_contour::ContourMesh::new(&truth.mesh.triangles, positions.len());
         let rim = mesh.rim(&positions, &seen.camera, 1.0);
         let outline = outline::PointIndex::new(&outline::trace(&seen.silhouettes[view], 0.5), 1.0);

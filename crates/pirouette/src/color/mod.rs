@@ -11,13 +11,12 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::{Grid, Mask, TriMesh};
 use rayon::prelude::*;
 
-use crate::body_fit::NOMINAL_STATURE_PX;
 use crate::scan::Photo;
 use pirouette_body::TurnAngle;
 use pirouette_body::render::SilhouetteMesh;
 use pirouette_body::{Avatar, render};
 use pirouette_body::{Camera, Projector};
-use pirouette_body::{Pose, pose_bones};
+use pirouette_body::{NOMINAL_STATURE_PX, Pose};
 
 /// A view to take colors from; photo and mask have the size given by the camera
 #[derive(Debug, Clone, Copy)]
@@ -213,9 +212,8 @@ fn sample_view(surface: &Surface, view: &ColorView, options: &ColorOptions) -> V
     {
         return Vec::new();
     }
-    let posed = pose_bones(&avatar.bone_heads, &view.pose, view.turn);
     let mesh = TriMesh {
-        positions: posed.skin(&avatar.mesh.positions, &avatar.weights),
+        positions: avatar.posed(&view.pose, view.turn).positions,
         triangles: avatar.mesh.triangles.clone(),
     };
     let mut outline = options.outline.scaled(unit_px, MAX_REACH_PX);

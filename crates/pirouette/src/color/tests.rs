@@ -22,8 +22,7 @@ impl TwoColored {
             let mut pose = Pose::default();
             pose.rotations[Bone::LeftUpperArm] = DVec3::Z * (degrees / 2000.0);
             pose.shift_mm = DVec3::X * (degrees / 10.0);
-            let posed = pose_bones(&avatar.bone_heads, &pose, turn);
-            let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+            let positions = avatar.posed(&pose, turn).positions;
             let triangles = &avatar.mesh.triangles;
             let nearest = render::nearest_surface(&positions, triangles, &camera);
             let photo = nearest.triangle.map(|&t| match triangles.get(t as usize) {

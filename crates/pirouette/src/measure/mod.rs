@@ -19,7 +19,6 @@ mod support;
 mod tape;
 mod value;
 
-use glam::DVec3;
 use pirouette_geom::TriMesh;
 use rayon::prelude::*;
 
@@ -32,7 +31,7 @@ use pirouette_body::Avatar;
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
 use pirouette_body::render::SilhouetteMesh;
-use pirouette_body::{Pose, pose_bones};
+use pirouette_body::{Pose, PosedAvatar};
 use pirouette_geom::outline_map::OutlineMap;
 use support::SeenView;
 pub use value::{Estimate, LengthUnit, Measured, Measurements, Method, Unavailable};
@@ -116,8 +115,10 @@ pub fn measure(input: &MeasureInput) -> Measurements {
 
 /// A view with the expected coverage of the avatar
 fn see<'a>(avatar: &Avatar, edges: &SilhouetteMesh, view: &MeasureView<'a>) -> SeenView<'a> {
-    let posed = pose_bones(&avatar.bone_heads, &view.pose, view.turn);
-    let positions: Vec<DVec3> = posed.skin(&avatar.mesh.positions, &avatar.weights);
+    let PosedAvatar {
+        bones: posed,
+        positions,
+    } = avatar.posed(&view.pose, view.turn);
     let expected = edges.silhouette(&positions, &view.camera);
     SeenView::new(view.outline, view.camera, posed, &expected)
 }

@@ -319,7 +319,11 @@ fn a_tape_follows_the_pose_of_each_view() {
         .iter()
         .zip(EIGHT)
         .map(|(pose, degrees)| {
-            let posed = pose_bones(&avatar.bone_heads, pose, TurnAngle::from_degrees(degrees));
+            let posed = pirouette_body::pose_bones(
+                &avatar.bone_heads,
+                pose,
+                TurnAngle::from_degrees(degrees),
+            );
             let weights = vec![SkinWeight::rigid(Bone::Root); mesh.positions.len()];
             let positions = posed.skin(&mesh.positions, &weights);
             outline(&render::silhouette(&positions, &mesh.triangles, &camera()))

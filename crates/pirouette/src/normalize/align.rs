@@ -76,9 +76,11 @@ pub fn detected_joints(keypoints: &Keypoints) -> JointPositions {
 /// group at the ankle and the face as one group at the neck.
 pub fn align(detected: &JointPositions, reference: &PerJoint<DVec2>) -> JointPositions {
     let at = |joint: Joint| detected[joint];
-    let middle = |a: Joint, b: Joint| Some((at(a)? + at(b)?) / 2.0);
-    let neck = at(Joint::Neck).or_else(|| middle(Joint::LeftShoulder, Joint::RightShoulder));
-    let mid_hip = at(Joint::MidHip).or_else(|| middle(Joint::LeftHip, Joint::RightHip));
+    let middle = |joint: Joint| {
+        let [left, right] = joint.middle_of()?;
+        Some((at(left)? + at(right)?) / 2.0)
+    };
+    let [neck, mid_hip] = Joint::MIDDLES.map(|joint| at(joint).or_else(|| middle(joint)));
     let neck_in_reference = reference[Joint::Neck];
     let hip_in_reference = reference[Joint::MidHip];
 
@@ -232,14 +234,8 @@ pub fn shared_skeleton_joints(
 ) -> SkeletonJoints {
     let project = |pose: &Pose| {
         let posed = pose_bones(&avatar.bone_heads, pose, turn);
-        let mut room: PerJoint<DVec3> =
-            PerJoint::from_fn(|joint| posed.carry(joint.bone(), avatar.keypoints[joint]));
-        for (joint, left, right) in [
-            (Joint::Neck, Joint::LeftShoulder, Joint::RightShoulder),
-            (Joint::MidHip, Joint::LeftHip, Joint::RightHip),
-        ] {
-            room[joint] = room[left].midpoint(room[right]);
-        }
+        let mut room = posed.keypoints(&avatar.keypoints);
+        room.set_middles(DVec3::midpoint);
         room.map(|point| camera.project(point))
     };
     SkeletonJoints {

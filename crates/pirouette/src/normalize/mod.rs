@@ -29,7 +29,7 @@ use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
 use pirouette_body::render::{SilhouetteMesh, visible_bones};
 use pirouette_body::{Keypoints, PerBone, PerJoint};
-use pirouette_body::{Pose, pose_bones};
+use pirouette_body::{Pose, PosedAvatar};
 
 pub use align::{SkeletonJoints, shared_skeleton_joints};
 pub use deform::{ContourSource, DeformError, DeformOptions};
@@ -98,8 +98,10 @@ impl ReferenceView {
         camera: &Camera,
         method: NormalizeMethod,
     ) -> Self {
-        let posed = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
-        let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+        let PosedAvatar {
+            bones: posed,
+            positions,
+        } = avatar.posed(&Pose::default(), turn);
         let visible = || {
             let scale = (VISIBILITY_HEIGHT_PX / camera.height_px as f64).min(1.0);
             visible_bones(avatar, &posed, &camera.scaled(scale))

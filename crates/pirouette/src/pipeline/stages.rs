@@ -3,7 +3,7 @@
 use pirouette_body::gltf::load_avatar;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::render::SilhouetteMesh;
-use pirouette_body::{Avatar, Pose, pose_bones};
+use pirouette_body::{Avatar, Pose};
 use pirouette_geom::outline_map::OutlineMap;
 use pirouette_geom::{Mask, TriMesh};
 use rayon::prelude::*;
@@ -59,8 +59,7 @@ pub fn render_priors(
 ) -> Vec<Mask> {
     let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
     let render = |view: &SkeletonView| {
-        let posed = pose_bones(&avatar.bone_heads, &view.pose, view.turn);
-        let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+        let positions = avatar.posed(&view.pose, view.turn).positions;
         let coverage = mesh.silhouette(&positions, &view.camera);
         on_view_done();
         coverage.threshold(0.5)

@@ -5,7 +5,7 @@ use pirouette_geom::Grid;
 use pirouette_segment::seeds::Seed;
 
 use super::SegmentError;
-use pirouette_body::{Joint, Keypoints};
+use pirouette_body::{Joint, Keypoints, NOMINAL_STATURE_PX};
 
 /// A capsule of seeds between two joints; radii and margins in torso lengths (neck to mid hip)
 struct SeedBone {
@@ -184,9 +184,9 @@ impl SeedLines {
         })
     }
 
-    /// Returns the height of the person in px over 800, from the torso
+    /// Returns the height of the person in px over the nominal one, from the torso
     pub(super) fn scale(&self) -> f64 {
-        self.torso_px / TORSO_PER_STATURE / 800.0
+        self.torso_px / TORSO_PER_STATURE / NOMINAL_STATURE_PX
     }
 
     /// Computes the seeds of a photo: the surest class of any line
@@ -265,18 +265,14 @@ fn with_middles(keypoints: &Keypoints) -> Keypoints {
             found.set(joint, Default::default());
         }
     }
-    for (middle, right, left) in [
-        (Joint::Neck, Joint::RightShoulder, Joint::LeftShoulder),
-        (Joint::MidHip, Joint::RightHip, Joint::LeftHip),
-    ] {
-        if let (None, Some(right), Some(left)) =
-            (found.found(middle), found.found(right), found.found(left))
-        {
+    for joint in Joint::MIDDLES {
+        let sides = joint.middle_of().map(|sides| sides.map(|j| found.found(j)));
+        if let (None, Some([Some(left), Some(right)])) = (found.found(joint), sides) {
             let keypoint = pirouette_body::Keypoint {
-                position: 0.5 * (right.position + left.position),
-                confidence: right.confidence.min(left.confidence),
+                position: 0.5 * (left.position + right.position),
+                confidence: left.confidence.min(right.confidence),
             };
-            found.set(middle, keypoint);
+            found.set(joint, keypoint);
         }
     }
     found

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 use crate::scan::Photo;
 use bones::SeedLines;
-use pirouette_body::Keypoints;
+use pirouette_body::{Keypoints, NOMINAL_STATURE_PX};
 use prior::{Prior, PriorFit};
 
 /// One view to segment
@@ -311,7 +311,7 @@ impl Prepared {
             return Ok(Self {
                 seeds: mask.map(|&v| if v { Seed::Person } else { Seed::Background }),
                 odds: None,
-                scale: (y1 - y0) as f64 / 800.0,
+                scale: (y1 - y0) as f64 / NOMINAL_STATURE_PX,
                 given: true,
             });
         }
@@ -326,7 +326,7 @@ impl Prepared {
         let prior = view.prior.filter(|_| options.prior);
         let scale = prior
             .and_then(stature_px)
-            .map_or(lines.scale(), |px| px / 800.0);
+            .map_or(lines.scale(), |px| px / NOMINAL_STATURE_PX);
         if let Some(prior) = prior.and_then(|prior| Prior::new(prior, &lines, scale, fit)) {
             return Ok(Self {
                 seeds: prior.seeds,

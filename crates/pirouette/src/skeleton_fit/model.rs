@@ -6,7 +6,7 @@
 use faer::Mat;
 use glam::{DVec2, DVec3};
 
-use super::scales::{BoneScale, BoneScales, Frame, MIDDLES, ScaledFrame};
+use super::scales::{BoneScale, BoneScales, Frame, ScaledFrame};
 use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
 use pirouette_body::{Bone, Joint, PerBone, PerJoint};
@@ -323,7 +323,7 @@ impl Problem {
                 .recip();
             let scale = weight / observed.sigma_px;
             let gradients = camera.project_gradients(point).map(|g| g * scale);
-            for (part, share) in parts(joint) {
+            for (part, share) in joint.parts() {
                 jacobian.add(&mut rows, row, part, gradients, share);
             }
             if rates.is_some() {
@@ -346,20 +346,10 @@ fn half_square(unknowns: &[f64]) -> f64 {
     unknowns.iter().map(|x| x * x).sum::<f64>() / 2.0
 }
 
-/// The joints whose mean a joint is, with their shares
-fn parts(joint: Joint) -> impl Iterator<Item = (Joint, f64)> {
-    let middle = MIDDLES.iter().find(|(middle, _)| *middle == joint);
-    let parts = match middle {
-        Some(&(_, [left, right])) => [Some((left, 0.5)), Some((right, 0.5))],
-        None => [Some((joint, 1.0)), None],
-    };
-    parts.into_iter().flatten()
-}
-
 /// Keypoints of the posed body in the room
 pub(super) fn room_joints(posed: &PosedBones, keypoints: &PerJoint<DVec3>) -> PerJoint<DVec3> {
     let carry = |joint: Joint| posed.carry(joint.bone(), keypoints[joint]);
-    PerJoint::from_fn(|joint| parts(joint).map(|(part, share)| carry(part) * share).sum())
+    PerJoint::from_fn(|joint| joint.parts().map(|(part, share)| carry(part) * share).sum())
 }
 
 /// Rates of the bones' translations when the bone heads move at the given rates

@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 
 use pirouette_body::Avatar;
 use pirouette_body::SkinWeight;
-use pirouette_body::{Bone, Joint, PerBone, PerJoint};
+use pirouette_body::{Bone, PerBone, PerJoint};
 
 /// A length of the body that is estimated; left and right limbs share it
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -234,7 +234,7 @@ impl<'a> Stretched<'a> {
 
     fn keypoints(&self, rest: &PerJoint<DVec3>) -> PerJoint<DVec3> {
         let mut keypoints = PerJoint::from_fn(|j| self.carry(j.bone(), rest[j]));
-        set_middles(&mut keypoints);
+        keypoints.set_middles(|left, right| (left + right) / 2.0);
         keypoints
     }
 
@@ -248,19 +248,6 @@ impl<'a> Stretched<'a> {
         DVec3::new((left.x + right.x) / 2.0, floor, 0.0)
     }
 }
-
-/// The neck is the middle of the shoulders, the mid hip the middle of the hips
-fn set_middles(keypoints: &mut PerJoint<DVec3>) {
-    for (middle, [left, right]) in MIDDLES {
-        keypoints[middle] = (keypoints[left] + keypoints[right]) / 2.0;
-    }
-}
-
-/// Keypoints that detectors place in the middle of two others
-pub(super) const MIDDLES: [(Joint, [Joint; 2]); 2] = [
-    (Joint::Neck, [Joint::LeftShoulder, Joint::RightShoulder]),
-    (Joint::MidHip, [Joint::LeftHip, Joint::RightHip]),
-];
 
 /// Stretches a figure along its bones
 ///

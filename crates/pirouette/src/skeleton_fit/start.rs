@@ -6,7 +6,7 @@ use super::model::{CameraPrior, Observed, ViewData};
 use super::{KeypointView, SkeletonFitError, SkeletonFitOptions, SkeletonFitWarning};
 use crate::scan::CameraSetup;
 use pirouette_body::Avatar;
-use pirouette_body::{Joint, Keypoint, Keypoints, PerJoint};
+use pirouette_body::{Joint, Keypoint, Keypoints, NOMINAL_STATURE_PX, PerJoint};
 
 /// Standard deviation of a confident keypoint, in px at [`NOMINAL_STATURE_PX`]
 const CONFIDENT_SIGMA_PX: f64 = 3.0;
@@ -18,9 +18,6 @@ const DOUBTFUL_SIGMA_PX: f64 = 8.0;
 ///
 /// Joints hidden by the body itself get less from detectors.
 const CONFIDENT: f64 = 0.68;
-
-/// Height of the person in the photos for which the deviations are given, in px
-const NOMINAL_STATURE_PX: f64 = 800.0;
 
 /// Vertical field of view when nothing tells it: an upright photo of a phone's main camera lies near
 const USUAL_VERTICAL_FOV_DEGREES: f64 = 50.0;

@@ -297,12 +297,12 @@ fn node_name(bone: Bone) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pirouette_body::Pose;
     use pirouette_body::Sex;
     use pirouette_body::TurnAngle;
     use pirouette_body::gltf::load_avatar;
     use pirouette_body::mannequin::{MannequinParameters, mannequin};
     use pirouette_body::{Avatar, ReferencePose};
-    use pirouette_body::{Pose, pose_bones};
 
     #[test]
     fn a_gltf_reader_finds_the_mesh_in_meters() {
@@ -397,8 +397,7 @@ mod tests {
             let rotations = std::array::from_fn(|i| 0.4 * (1.7 * i as f64).sin());
             let bent = Pose::from_parameters(&rotations);
             let corners = |avatar: &Avatar| -> Vec<DVec3> {
-                let posed = pose_bones(&avatar.bone_heads, &bent, TurnAngle::default());
-                let positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
+                let positions = avatar.posed(&bent, TurnAngle::default()).positions;
                 let vertices = avatar.mesh.triangles.iter().flatten();
                 vertices.map(|&v| positions[v as usize]).collect()
             };

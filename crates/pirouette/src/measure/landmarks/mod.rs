@@ -17,9 +17,8 @@ use pirouette_geom::TriMesh;
 use super::{Girth, Landmark};
 use levels::{Levels, STEP, profile};
 use pirouette_body::Bone;
-use pirouette_body::TurnAngle;
 use pirouette_body::{Avatar, PerBone, ReferencePose};
-use pirouette_body::{Pose, SkinWeight, pose_bones};
+use pirouette_body::{Pose, SkinWeight};
 pub(super) use slice::Plane;
 use slice::Slicer;
 
@@ -97,11 +96,7 @@ pub(super) fn with_lowered_arms(avatar: &Avatar) -> Option<Avatar> {
     let down = DVec3::Z * angle.to_radians();
     pose.rotations[Bone::LeftUpperArm] = -down;
     pose.rotations[Bone::RightUpperArm] = down;
-    let posed = pose_bones(&avatar.bone_heads, &pose, TurnAngle::default());
-    let mut lowered = avatar.clone();
-    lowered.mesh.positions = posed.skin(&avatar.mesh.positions, &avatar.weights);
-    lowered.bone_heads = PerBone::from_fn(|bone| posed.head(bone));
-    Some(lowered)
+    Some(avatar.reposed(&pose))
 }
 
 /// A body divided into its parts
