@@ -88,7 +88,7 @@ impl Contour {
 
     /// Places points at equal distances along the line, starting at the first point
     ///
-    /// The distance is adjusted slightly from `spacing_px`, so that a whole number fits; at least three points.
+    /// The distance is adjusted slightly from `spacing_px`, so that an integer number fits; at least three points.
     /// A contour without length, or a spacing that is not positive, gives an unchanged copy.
     #[must_use]
     pub fn resample(&self, spacing_px: f64) -> Contour {

@@ -39,7 +39,7 @@ struct Edge {
 /// Fills the region enclosed by directed edges, as coverage from 0 to 1 per pixel
 ///
 /// The edges are in pixels and in any order, but together they form closed loops; loops may leave the grid on any
-/// side. Loops that are open to the right fill nothing there. Edges with non-finite coordinates are ignored.
+/// side. Loops that are open to the right are not filled there. Edges with non-finite coordinates are ignored.
 ///
 /// # Examples
 /// ```

@@ -8,7 +8,7 @@ use glam::DVec2;
 use crate::raster::run_length;
 use crate::{Grid, Mask};
 
-/// Distance from each pixel center to the nearest `true` pixel center, in px
+/// Computes the distance from each pixel center to the nearest `true` pixel center, in px
 ///
 /// 0 on `true` pixels; infinite everywhere if there are none.
 ///
@@ -35,7 +35,7 @@ pub fn distance_to(mask: &Mask) -> Grid<f32> {
     distance
 }
 
-/// Signed distance from each pixel center to the border of a mask, in px, negative inside
+/// Computes the signed distance from each pixel center to the border of a mask, in px, negative inside
 ///
 /// The border runs half way between inside and outside pixels, so no absolute value is below 0.5. Infinite where there
 /// is no border: positive for an empty mask, negative for a full one.

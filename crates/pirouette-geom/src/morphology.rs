@@ -59,7 +59,7 @@ fn within(mask: &Mask, radius: f64, value: bool) -> Mask {
 /// Pixels per word
 const WORD: usize = u64::BITS as usize;
 
-/// Half widths of a disc: in its middle row, then in those below, at most as many as the image has rows
+/// Returns half widths of a disc: in its middle row, then in those below, at most as many as the image has rows
 fn half_widths(radius: f64, width: usize, height: usize) -> Vec<usize> {
     // Larger discs than the image have no effect.
     let radius = radius.min((width + height) as f64);

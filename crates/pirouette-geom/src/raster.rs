@@ -144,7 +144,7 @@ impl<T: Clone> Grid<T> {
 impl<T> std::ops::Index<(usize, usize)> for Grid<T> {
     type Output = T;
 
-    /// The value at `(column, row)`
+    /// Returns the value at `(column, row)`
     fn index(&self, (x, y): (usize, usize)) -> &T {
         debug_assert!(x < self.width);
         &self.data[y * self.width + x]
@@ -212,7 +212,7 @@ impl Mask {
         }
     }
 
-    /// Smallest box that holds the inside, as `(x0, y0, x1, y1)` with exclusive ends
+    /// Returns the bounding box of the inside, as `(x0, y0, x1, y1)` with exclusive ends
     pub fn bounding_box(&self) -> Option<(usize, usize, usize, usize)> {
         self.bounding_box_where(|&inside| inside)
     }

@@ -312,7 +312,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 8))]
         #[test]
-        fn sure_seeds_are_never_changed(
+        fn definite_seeds_are_never_changed(
             colors in prop::collection::vec(prop::array::uniform3(any::<u8>()), 12 * 9),
             kinds in prop::collection::vec(0_u8..4, 12 * 9),
         ) {

@@ -118,7 +118,7 @@ struct Mark {
 /// per row.
 struct Field {
     labels: Vec<u8>,
-    /// Bytes of a row: whole blocks
+    /// Bytes per row: full blocks
     stride: usize,
     marks: Vec<Mark>,
     /// Last mark of each row

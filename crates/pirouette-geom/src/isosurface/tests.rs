@@ -14,7 +14,7 @@ fn options(cell_size: f64, lipschitz: f64) -> SurfaceOptions {
     }
 }
 
-/// Marching cubes over every cell of the grid, with one vertex lookup per corner pair
+/// Marching cubes over every cell of the grid, without shared vertices
 fn extract_surface_reference(
     field: impl Fn(DVec3) -> f64 + Sync,
     options: &SurfaceOptions,

@@ -450,7 +450,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bridge_walked_back_and_forth_disappears() {
+    fn a_bridge_followed_in_both_directions_cancels_out() {
         let flag = loop_of(&[
             [0.0, 0.0],
             [4.0, 0.0],
