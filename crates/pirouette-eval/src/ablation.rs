@@ -38,7 +38,7 @@ enum Part {
     /// One body and skeleton for all views; without, the published steps view by view
     SharedSkeleton,
     /// The background that all photos share
-    Plate,
+    CleanPlate,
     /// Borders in fractions of pixels
     Alpha,
     /// Rounds that look far and bend stiffly; without, the last half of the rounds
@@ -59,7 +59,7 @@ impl Part {
     const ALL: [Part; 10] = [
         Part::Nothing,
         Part::SharedSkeleton,
-        Part::Plate,
+        Part::CleanPlate,
         Part::Alpha,
         Part::WideStart,
         Part::ChosenStart,
@@ -73,7 +73,7 @@ impl Part {
         match self {
             Part::Nothing => "nothing",
             Part::SharedSkeleton => "shared skeleton",
-            Part::Plate => "background plate",
+            Part::CleanPlate => "background plate",
             Part::Alpha => "alpha border",
             Part::WideStart => "wide start",
             Part::ChosenStart => "chosen start",
@@ -93,7 +93,7 @@ impl Part {
         let mut config = Config::new(Goal::Measure, method);
         match self {
             Part::Nothing | Part::SharedSkeleton => {}
-            Part::Plate => config.segment.plate = false,
+            Part::CleanPlate => config.segment.clean_plate = false,
             Part::Alpha => config.segment.alpha = false,
             Part::WideStart => {
                 let rounds = BodyFitOptions::default().rounds;

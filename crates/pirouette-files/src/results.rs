@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec2;
 use pirouette_geom::Mask;
-use pirouette_segment::border::sharpen;
+use pirouette_segment::border::sharpen_mask;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use thiserror::Error;
@@ -228,7 +228,7 @@ fn write_view(
         let found_here = silhouette.seeds.is_some();
         let photo = found_here.then(|| loaded.whole_photo(found.id.0));
         match photo.flatten() {
-            Some(photo) => sharpen(&photo, &mask),
+            Some(photo) => sharpen_mask(&photo, &mask),
             None => mask,
         }
     });

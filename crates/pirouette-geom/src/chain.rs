@@ -1,26 +1,26 @@
-//! Kinematic chains in the plane: bones in a row, one angle each, and the rigid motions they carry.
+//! Kinematic chains in the plane: consecutive bones, one angle each, and the rigid motions of the bones.
 //!
-//! Angles turn from x to y: clockwise on screen, where y points down.
+//! Positive angles turn from x to y: clockwise on screen, where y points down.
 
 use glam::DVec2;
 
-/// A rigid motion of the plane: a rotation about the origin, then a shift
+/// A rigid motion of the plane: a rotation about the origin, then a translation
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigidMotion {
-    /// From x to y
+    /// Positive from x to y
     pub rotation_radians: f64,
-    /// Where the origin goes
+    /// Image of the origin
     pub translation: DVec2,
 }
 
 impl RigidMotion {
-    /// The motion that moves nothing
+    /// The identity
     pub const IDENTITY: RigidMotion = RigidMotion {
         rotation_radians: 0.0,
         translation: DVec2::ZERO,
     };
 
-    /// Rotation about a point, then a shift
+    /// Returns the rotation about a point, followed by a translation
     ///
     /// # Examples
     /// ```
@@ -38,12 +38,12 @@ impl RigidMotion {
         }
     }
 
-    /// Where a point goes
+    /// Transforms a point
     pub fn apply(&self, point: DVec2) -> DVec2 {
         DVec2::from_angle(self.rotation_radians).rotate(point) + self.translation
     }
 
-    /// This motion, followed by another
+    /// Returns this motion followed by another
     #[must_use]
     pub fn then(&self, next: &RigidMotion) -> Self {
         Self {
@@ -52,7 +52,7 @@ impl RigidMotion {
         }
     }
 
-    /// The motion back
+    /// Returns the inverse motion
     #[must_use]
     pub fn inverse(&self) -> Self {
         let back = DVec2::from_angle(-self.rotation_radians);
@@ -66,13 +66,13 @@ impl RigidMotion {
 /// One bone of a chain
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChainBone {
-    /// From its head, toward the root, to its tip
+    /// From its head, at the root side, to its tip
     pub length: f64,
-    /// Angle to the bone before it; of the first bone: to the x axis
+    /// Angle to the previous bone; for the first bone, to the x axis
     pub angle_radians: f64,
 }
 
-/// Bones in a row, from a root to a tip
+/// Consecutive bones from a root to a tip
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chain {
     /// Head of the first bone
@@ -82,9 +82,9 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// The chain through joints in a row, root first
+    /// Creates the chain through consecutive joints, root first
     ///
-    /// A bone without length has the direction of the one before it. No joints give no bones at the origin.
+    /// A bone of zero length takes the previous bone's direction. Without joints, there are no bones, at the origin.
     pub fn from_joints(joints: &[DVec2]) -> Self {
         let mut before = 0.0;
         let bones = joints
@@ -110,7 +110,7 @@ impl Chain {
         }
     }
 
-    /// Forward kinematics: the heads of all bones and the tip, one more than bones
+    /// Forward kinematics: returns the heads of all bones and the tip, one point more than bones
     pub fn joints(&self) -> Vec<DVec2> {
         let mut joints = Vec::with_capacity(self.bones.len() + 1);
         let (mut at, mut direction) = (self.root, 0.0);
@@ -123,9 +123,9 @@ impl Chain {
         joints
     }
 
-    /// The chain with an angle added to each bone; missing angles add nothing
+    /// Returns the chain with an angle added to each bone; missing angles count as zero
     ///
-    /// What hangs on a bone turns with it.
+    /// All later bones turn along.
     #[must_use]
     pub fn bent(&self, angles_radians: &[f64]) -> Self {
         let mut chain = self.clone();
@@ -135,9 +135,9 @@ impl Chain {
         chain
     }
 
-    /// One motion per bone, that carries what is fixed to the bone in `rest` to where the bone is now
+    /// Returns one motion per bone, which carries points fixed to the bone in `rest` to its current pose
     ///
-    /// The chains have the same bones; lengths may differ, heads meet heads.
+    /// The chains have the same bones; lengths may differ; heads are mapped to heads.
     pub fn motions_from(&self, rest: &Chain) -> Vec<RigidMotion> {
         let mut rotation = 0.0;
         let heads = rest.joints().into_iter().zip(self.joints());
@@ -152,7 +152,7 @@ impl Chain {
             .collect()
     }
 
-    /// How a point fixed to one of the bones moves per radian of each angle, one vector per bone
+    /// Returns the derivative of a point fixed to one bone by each angle, one vector per bone, per radian
     ///
     /// Zero for the bones after `bone`, which do not move it.
     pub fn jacobian(&self, bone: usize, point: DVec2) -> Vec<DVec2> {
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn bending_the_elbow_leaves_the_upper_arm() {
+    fn bending_the_elbow_does_not_move_the_upper_arm() {
         let arm = Chain::from_joints(&[DVec2::ZERO, DVec2::new(3.0, 0.0), DVec2::new(5.0, 0.0)]);
         let joints = arm.bent(&[0.0, FRAC_PI_2]).joints();
         assert!(joints[1].distance(DVec2::new(3.0, 0.0)) < 1e-12);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn degenerate_chains_are_fine() {
+    fn degenerate_chains_are_handled() {
         assert_eq!(Chain::from_joints(&[]).joints(), [DVec2::ZERO]);
         let still = Chain::from_joints(&[DVec2::ONE; 3]);
         assert_eq!(still.bent(&[1.0, 2.0, 3.0]).joints(), [DVec2::ONE; 3]);
@@ -202,14 +202,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn joints_go_in_and_out(joints in prop::collection::vec(point(), 1..6)) {
+        fn joints_survive_a_round_trip(joints in prop::collection::vec(point(), 1..6)) {
             for (a, b) in Chain::from_joints(&joints).joints().iter().zip(&joints) {
                 prop_assert!(a.distance(*b) < 1e-9);
             }
         }
 
         #[test]
-        fn motions_carry_the_joints(
+        fn motions_map_joints_to_joints(
             joints in prop::collection::vec(point(), 2..6),
             angles in prop::collection::vec(-3.0..3.0f64, 5),
         ) {
@@ -243,7 +243,7 @@ mod tests {
         }
 
         #[test]
-        fn motions_chain(p in point(), a in point(), b in point(), t in -3.0..3.0f64, u in -3.0..3.0f64) {
+        fn motions_compose(p in point(), a in point(), b in point(), t in -3.0..3.0f64, u in -3.0..3.0f64) {
             let first = RigidMotion::about(a, t, b);
             let next = RigidMotion::about(b, u, a);
             let both = first.then(&next);

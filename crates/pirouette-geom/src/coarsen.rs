@@ -1,7 +1,7 @@
-//! A coarse mesh on some of the vertices of a closed surface, and the surface as a blend of it.
+//! Coarse meshes on a subset of the vertices of a closed surface, and the surface as a blend of them.
 //!
-//! Edges are collapsed shortest first, so that the vertices left lie evenly, and only where the surface stays
-//! manifold and does not fold. A mirror symmetric surface stays so, save for a few vertices at the mirror plane.
+//! Edges are collapsed shortest first, so that the remaining vertices are spaced evenly, and only where the surface
+//! stays manifold and does not fold. Mirror symmetry is preserved, except for a few vertices at the mirror plane.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -11,26 +11,26 @@ use glam::DVec3;
 
 use crate::tri_mesh::TriMesh;
 
-/// A vertex does not get more neighbors than this
+/// Upper bound of the number of neighbors of a vertex
 ///
-/// Fans of long thin triangles carry bending badly.
+/// Fans of long thin triangles represent bending badly.
 const MAX_VALENCE: usize = 9;
 
-/// Triangles may not turn by more than the angle with this cosine in one collapse
+/// Cosine of the largest angle by which one collapse may turn a triangle
 const MIN_TURN_COSINE: f64 = 0.3;
 
-/// A coarse mesh on some of the vertices of a fine one
+/// A coarse mesh on a subset of the vertices of a fine one
 #[derive(Debug, Clone)]
 pub struct CoarseMesh {
-    /// The fine vertex of each coarse one, ascending
+    /// Fine vertex of each coarse one, ascending
     pub vertices: Vec<u32>,
     /// Coarse triangles, oriented like the fine ones
     pub triangles: Vec<[u32; 3]>,
-    /// For each fine vertex the coarse triangle next to it, as three coarse vertices with weights that sum to 1
+    /// For each fine vertex, the coarse triangle nearest to it, as a blend of its three vertices
     pub blends: Vec<Blend>,
 }
 
-/// Weights of three coarse vertices, at least 0, sum 1
+/// Weights of three coarse vertices, nonnegative, with sum 1
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Blend {
     /// Coarse vertices
@@ -40,10 +40,10 @@ pub struct Blend {
 }
 
 impl Blend {
-    /// The blend of values that belong to the coarse vertices
+    /// Returns the blend of values given per coarse vertex
     ///
     /// # Panics
-    /// When there is no value for one of its vertices.
+    /// When the value of one of its vertices is missing.
     pub fn of(&self, values: &[DVec3]) -> DVec3 {
         (0..3)
             .map(|k| values[self.vertices[k] as usize] * self.weights[k])
@@ -51,19 +51,19 @@ impl Blend {
     }
 }
 
-/// Collapses edges until about `target` vertices are left, or none can go
+/// Collapses edges until about `target` vertices are left or no edge can be collapsed
 ///
-/// `mirror` names for each vertex the one on the other side (itself on the mirror plane), if there is a symmetry.
-/// The mesh must be closed and manifold; where it is not, edges are kept.
+/// `mirror` gives the mirrored vertex of each vertex (itself on the mirror plane) if the mesh is symmetric.
+/// The mesh must be closed and manifold; edges that are not are kept.
 ///
 /// # Panics
-/// When a triangle or `mirror` names a vertex that does not exist.
+/// When a triangle or `mirror` refers to a vertex that does not exist.
 pub fn coarsen(mesh: &TriMesh, target: usize, mirror: Option<&[u32]>) -> CoarseMesh {
     let mut levels = coarsen_levels(mesh, &[target], mirror);
     levels.pop().expect("one level for one target")
 }
 
-/// The same for several targets in descending order: each mesh stands on some of the vertices of the one before
+/// Like [`coarsen`], for several targets in descending order: each mesh uses a subset of the previous one's vertices
 pub fn coarsen_levels(
     mesh: &TriMesh,
     targets: &[usize],
@@ -77,13 +77,13 @@ pub fn coarsen_levels(
         .collect();
     let mut around = Vec::new();
     let mut to_target = |target: &usize| {
-        collapse.down_to(*target, mirror, &mut queue, &mut around);
+        collapse.collapse_to(*target, mirror, &mut queue, &mut around);
         collapse.finish()
     };
     targets.iter().map(&mut to_target).collect()
 }
 
-/// Offers the edges of a vertex again: those that could not go may go now
+/// Queues the edges of a vertex again: rejected ones may have become possible
 fn queue_around(
     collapse: &mut Collapse,
     vertex: u32,
@@ -97,17 +97,17 @@ fn queue_around(
     }
 }
 
-/// A mesh while edges are collapsed
+/// A mesh during edge collapse
 struct Collapse<'a> {
     positions: &'a [DVec3],
     triangles: Vec<[u32; 3]>,
-    /// Living triangles of each living vertex
+    /// Remaining triangles of each remaining vertex
     stars: Vec<Vec<u32>>,
     alive: Vec<bool>,
     alive_count: usize,
-    /// The vertex that each one went into
-    went_to: Vec<u32>,
-    /// When each vertex was last met, by which vertices are counted once
+    /// The vertex that each vertex was merged into
+    merged_into: Vec<u32>,
+    /// Time of the last visit of each vertex, so that each is counted once
     met: Vec<u32>,
     time: u32,
 }
@@ -127,14 +127,14 @@ impl<'a> Collapse<'a> {
             stars,
             alive: vec![true; count],
             alive_count: count,
-            went_to: (0..count as u32).collect(),
+            merged_into: (0..count as u32).collect(),
             met: vec![0; count],
             time: 0,
         }
     }
 
-    /// Collapses the edges of a queue until few enough vertices are left
-    fn down_to(
+    /// Collapses queued edges until `target` vertices are left
+    fn collapse_to(
         &mut self,
         target: usize,
         mirror: Option<&[u32]>,
@@ -148,7 +148,7 @@ impl<'a> Collapse<'a> {
             if edge.iter().any(|&v| !self.alive[v as usize]) {
                 continue;
             }
-            let Some([gone, kept]) = self.choose(edge, mirror) else {
+            let Some([gone, kept]) = self.choose_collapse(edge, mirror) else {
                 continue;
             };
             self.merge(gone, kept);
@@ -176,7 +176,7 @@ impl<'a> Collapse<'a> {
             .to_bits()
     }
 
-    /// Vertices around one, each once
+    /// Collects the neighbors of a vertex, each once
     fn neighbors(&mut self, v: u32, around: &mut Vec<u32>) {
         around.clear();
         self.time += 1;
@@ -191,9 +191,9 @@ impl<'a> Collapse<'a> {
         }
     }
 
-    /// Numbers of the vertices around one, around another, and around both
+    /// Counts the neighbors of the first vertex, of the second, and of both
     fn count_neighbors(&mut self, [a, b]: [u32; 2]) -> [usize; 3] {
-        // around the first, then also around the second
+        // neighbors of the first, then those shared with the second
         self.time += 3;
         let (first, second) = (self.time - 2, self.time - 1);
         let mut counts = [0; 3];
@@ -219,8 +219,8 @@ impl<'a> Collapse<'a> {
         counts
     }
 
-    /// Which end of an edge goes into the other: the one that leaves the shorter edges
-    fn choose(&mut self, [a, b]: [u32; 2], mirror: Option<&[u32]>) -> Option<[u32; 2]> {
+    /// Chooses the end of an edge to merge into the other: the one that leaves the shorter edges
+    fn choose_collapse(&mut self, [a, b]: [u32; 2], mirror: Option<&[u32]>) -> Option<[u32; 2]> {
         let image = |v: u32| mirror.map_or(v, |mirror| mirror[v as usize]);
         let longest = |gone: u32, kept: u32| {
             let star = self.stars[gone as usize].iter();
@@ -236,13 +236,13 @@ impl<'a> Collapse<'a> {
             [[b, a], [a, b]]
         };
         order.into_iter().find(|&[gone, kept]| {
-            // What lies on the mirror plane stays on it, and nothing crosses it.
+            // Vertices on the mirror plane stay on it, and no edge crosses it.
             let stays = mirror.is_none() || image(gone) != gone || image(kept) == kept;
             stays && (mirror.is_none() || image(gone) != kept) && self.can_merge(gone, kept)
         })
     }
 
-    /// Whether the surface stays manifold and unfolded when one vertex goes into its neighbor
+    /// Whether the surface stays manifold and unfolded when a vertex is merged into its neighbor
     fn can_merge(&mut self, gone: u32, kept: u32) -> bool {
         if gone == kept || !self.alive[gone as usize] || !self.alive[kept as usize] {
             return false;
@@ -288,10 +288,10 @@ impl<'a> Collapse<'a> {
         }
         self.alive[gone as usize] = false;
         self.alive_count -= 1;
-        self.went_to[gone as usize] = kept;
+        self.merged_into[gone as usize] = kept;
     }
 
-    /// The mesh as it is now
+    /// Extracts the current mesh
     fn finish(&mut self) -> CoarseMesh {
         let vertices: Vec<u32> = (0..self.alive.len() as u32)
             .filter(|&v| self.alive[v as usize])
@@ -303,11 +303,11 @@ impl<'a> Collapse<'a> {
         for v in 0..self.alive.len() {
             let mut root = v as u32;
             while !self.alive[root as usize] {
-                root = self.went_to[root as usize];
+                root = self.merged_into[root as usize];
             }
-            self.went_to[v] = root;
+            self.merged_into[v] = root;
         }
-        // For each remaining vertex the triangles around it and around its neighbors
+        // For each remaining vertex, the triangles around it and around its neighbors
         let mut around = Vec::new();
         let mut wide: Vec<Vec<u32>> = Vec::with_capacity(vertices.len());
         for &v in &vertices {
@@ -322,7 +322,7 @@ impl<'a> Collapse<'a> {
         let blends = (0..self.alive.len() as u32)
             .into_par_iter()
             .map(|v| {
-                let root = self.went_to[v as usize];
+                let root = self.merged_into[v as usize];
                 let blend = self.blend(v, root, &wide[coarse[root as usize] as usize]);
                 Blend {
                     vertices: blend.vertices.map(|v| coarse[v as usize]),
@@ -343,7 +343,7 @@ impl<'a> Collapse<'a> {
         }
     }
 
-    /// The nearest of some triangles around the vertex that `v` went into, in fine vertices
+    /// Blends `v` in the nearest of some triangles around the vertex that it was merged into, in fine vertices
     fn blend(&self, v: u32, root: u32, triangles: &[u32]) -> Blend {
         let itself = Blend {
             vertices: [root; 3],
@@ -370,7 +370,7 @@ impl<'a> Collapse<'a> {
     }
 }
 
-/// Barycentric weights of the point of a triangle nearest to `p`, and the squared distance
+/// Returns the barycentric weights of the point of a triangle nearest to `p`, and the squared distance
 ///
 /// # Source
 /// C. Ericson 2005, "Real-Time Collision Detection", section 5.1.5: the regions of the triangle's features.
@@ -416,7 +416,7 @@ mod tests {
     use super::*;
     use crate::isosurface::{SurfaceOptions, extract_surface};
 
-    /// Two balls that overlap, mirrored at x = 0
+    /// Two overlapping balls, mirrored at x = 0
     fn peanut() -> TriMesh {
         let options = SurfaceOptions {
             lo: DVec3::splat(-2.45),
@@ -433,7 +433,7 @@ mod tests {
         extract_surface(field, &options).unwrap()
     }
 
-    /// An octahedron whose triangles were split in four `rounds` times, blown up to a ball
+    /// An octahedron, subdivided `rounds` times and projected to a sphere
     fn ball(rounds: usize) -> TriMesh {
         let tips = [
             DVec3::X,
@@ -494,7 +494,7 @@ mod tests {
     }
 
     #[test]
-    fn the_coarse_mesh_is_closed_even_and_near() {
+    fn the_coarse_mesh_is_closed_even_and_close_to_the_surface() {
         let mesh = peanut();
         let coarse = coarsen(&mesh, 200, None);
         assert_eq!(coarse.vertices.len(), 200);
@@ -520,7 +520,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_are_nested_and_the_first_is_that_of_its_target() {
+    fn levels_are_nested_and_the_first_equals_a_single_coarsening() {
         let mesh = peanut();
         let levels = coarsen_levels(&mesh, &[300, 100], None);
         let alone = coarsen(&mesh, 300, None);
@@ -532,7 +532,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mirror_image_stays_one() {
+    fn mirror_symmetry_is_preserved() {
         let mesh = ball(4);
         let mirror = mirror_of(&mesh);
         let coarse = coarsen(&mesh, 200, Some(&mirror));

@@ -1,9 +1,9 @@
-//! Contours: closed polylines around masks and level sets, and what one does with them.
+//! Contours: closed polylines around masks and level sets, and operations on them.
 //!
 //! [`trace_contours`] follows the border pixels of a mask, through their centers; [`trace_outline`] finds
 //! the loops at a level of a smooth raster, between the pixels. Outer loops have positive signed area in
 //! pixel coordinates (clockwise on screen, since y points down), holes negative. Outlines are simple loops
-//! that never touch; border contours retrace one-pixel bridges and can touch themselves.
+//! that never touch; border contours follow one-pixel bridges in both directions and can touch themselves.
 
 mod border;
 mod outline;
@@ -17,7 +17,7 @@ pub use widen::widen_border;
 
 use glam::DVec2;
 
-/// The point of a segment nearest to a point
+/// Returns the point of a segment nearest to a point
 ///
 /// # Examples
 /// ```
@@ -48,27 +48,27 @@ pub struct Contour {
 }
 
 impl Contour {
-    /// The edges in order, the closing one last
+    /// Returns the edges in order, the closing one last
     pub fn edges(&self) -> impl Iterator<Item = [DVec2; 2]> + '_ {
         let ends = self.points.iter().cycle().skip(1);
         self.points.iter().zip(ends).map(|(&a, &b)| [a, b])
     }
 
-    /// Enclosed area in px², positive when clockwise on screen
+    /// Returns the enclosed area in px², positive when clockwise on screen
     pub fn signed_area(&self) -> f64 {
-        // Relative to the first point, so that far away contours keep their digits
+        // Relative to the first point, to preserve digits of distant contours
         let origin = self.points.first().copied().unwrap_or_default();
         self.edges()
             .map(|[a, b]| 0.5 * (a - origin).perp_dot(b - origin))
             .sum()
     }
 
-    /// Length of the closed line, in px
+    /// Returns the length of the closed line, in px
     pub fn perimeter(&self) -> f64 {
         self.edges().map(|[a, b]| a.distance(b)).sum()
     }
 
-    /// Whether the line winds around a point; on the line itself either answer may come
+    /// Whether the line winds around a point; unspecified on the line itself
     pub fn contains(&self, point: DVec2) -> bool {
         let mut winding = 0;
         for [a, b] in self.edges() {
@@ -88,8 +88,8 @@ impl Contour {
 
     /// Places points at equal distances along the line, starting at the first point
     ///
-    /// Their distance is `spacing_px` or slightly off, so that a whole number fits; at least three points.
-    /// A contour without length, or a spacing that is not positive, comes back as it is.
+    /// The distance is adjusted slightly from `spacing_px`, so that an integer number fits; at least three points.
+    /// A contour without length, or a spacing that is not positive, gives an unchanged copy.
     #[must_use]
     pub fn resample(&self, spacing_px: f64) -> Contour {
         let perimeter = self.perimeter();
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn contains_tells_inside_from_outside_in_both_orientations() {
+    fn contains_separates_inside_from_outside_in_both_orientations() {
         let mut l_shape = contour(&[(0., 0.), (4., 0.), (4., 2.), (2., 2.), (2., 4.), (0., 4.)]);
         for _ in 0..2 {
             assert!(l_shape.contains(DVec2::new(1.0, 3.0)));
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn resample_walks_at_equal_steps() {
+    fn resample_gives_equal_steps() {
         let even = square().resample(2.0);
         assert_eq!(even.points.len(), 8);
         assert_eq!(even.points[1], DVec2::new(3.0, 1.0));
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn degenerate_contours_are_fine() {
+    fn degenerate_contours_are_handled() {
         for points in [vec![], vec![(2.0, 3.0)], vec![(f64::NAN, 0.0), (1.0, 1.0)]] {
             let odd = contour(&points);
             assert!(odd.signed_area() == 0.0 || odd.signed_area().is_nan());

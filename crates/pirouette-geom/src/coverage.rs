@@ -1,27 +1,27 @@
-//! Antialiased coverage of polygons: how much of each pixel lies inside.
+//! Antialiased coverage of polygons: the covered fraction of each pixel.
 //!
 //! Inside is where the winding number is not zero, so overlapping loops of one orientation merge and
-//! loops of the other orientation cut holes. Each pixel row is cut into slabs, at 1/16 px and at every
-//! vertex; inside a slab the spans between crossings are exact horizontally. The area of the coverage is
-//! therefore the area of the polygon, but for slabs in which edges cross each other.
+//! loops of the other orientation cut holes. Each pixel row is split into slabs, at multiples of 1/16 px and at every
+//! vertex; within a slab the spans between crossings are exact horizontally. The area of the coverage is
+//! therefore the area of the polygon, except in slabs in which edges cross each other.
 
 use glam::DVec2;
 
 use crate::{Grid, Mask};
 
-/// Even slabs per pixel row
+/// Equal slabs per pixel row
 ///
-/// Fewer, and nearly horizontal edges become visible stairs; more only costs time: at 16 the stairs are
-/// 1/16 of a gray level range, below what any outline at half coverage notices.
+/// With fewer, nearly horizontal edges show stairs; more only cost time: at 16 the stairs are 1/16 of the gray
+/// range, too small to affect an outline at half coverage.
 const SLABS_PER_ROW: usize = 16;
 
-/// Slabs are not cut thinner than this at vertices, in px
+/// Minimum height of slabs that are split at vertices, in px
 ///
-/// Bounds the work where thousands of vertices share a row; costs at most this times the length of a
-/// horizontal edge in area.
+/// Bounds the work where thousands of vertices share a row; the error in area is at most this times the length of
+/// a horizontal edge.
 const MIN_SLAB_PX: f64 = 1.0 / 512.0;
 
-/// Coverage this near to 0 or 1 is rounding and becomes 0 or 1
+/// Coverage within this distance of 0 or 1 is rounded to 0 or 1
 const ROUNDING: f64 = 1e-9;
 
 /// A directed edge, stored from its upper to its lower end
@@ -32,15 +32,14 @@ struct Edge {
     dx_dy: f64,
     /// +1 when the given edge points down, -1 when it points up
     winding: i32,
-    /// Where the edge crosses the slab at hand
+    /// x of its crossing with the current slab
     x: f64,
 }
 
-/// Fills the region that directed edges wind around, as coverage from 0 to 1 per pixel
+/// Fills the region enclosed by directed edges, as coverage from 0 to 1 per pixel
 ///
-/// The edges are in pixels and need no order, but together they form closed loops; loops may leave the
-/// grid on any side. Where loops are left open to the right nothing is filled. Edges whose coordinates are
-/// not finite are left out.
+/// The edges are in pixels and in any order, but together they form closed loops; loops may leave the grid on any
+/// side. Loops that are open to the right are not filled there. Edges with non-finite coordinates are ignored.
 ///
 /// # Examples
 /// ```
@@ -61,8 +60,8 @@ pub fn fill_edges(width: usize, height: usize, edges: &[[DVec2; 2]]) -> Grid<f32
     let mut waiting = edges.into_iter();
     let mut cuts: Vec<f64> = Vec::new();
     let mut crossings: Vec<(f64, i32)> = Vec::new();
-    // Differences of coverage from pixel to pixel; two more than the row, so that a step at the right
-    // border needs no care
+    // Differences of coverage between neighboring pixels; two entries more than the row, so that a step at the
+    // right border needs no special case
     let mut steps = vec![0f64; width + 2];
 
     for (y, &start_count) in starts.iter().enumerate() {
@@ -82,8 +81,8 @@ pub fn fill_edges(width: usize, height: usize, edges: &[[DVec2; 2]]) -> Grid<f32
             for edge in &mut active {
                 edge.x = edge.x_at_top + (middle - edge.top) * edge.dx_dy;
             }
-            // Edges keep their order from slab to slab but for a few, so insertion sort is nearly free; new ones are
-            // merged in first.
+            // The order of edges hardly changes between slabs, so insertion sort is nearly free; new edges are merged
+            // in first.
             if in_order {
                 insertion_sort(&mut active);
             } else {
@@ -138,8 +137,8 @@ pub fn fill_edges(width: usize, height: usize, edges: &[[DVec2; 2]]) -> Grid<f32
 
 /// Fills closed polygons, as coverage from 0 to 1 per pixel
 ///
-/// The last point of each polygon joins the first. Nonzero winding over all polygons together: give
-/// holes the opposite orientation. A polygon with a coordinate that is not finite is left out.
+/// The last point of each polygon joins the first. Nonzero winding over all polygons together: holes need the
+/// opposite orientation. Polygons with a non-finite coordinate are ignored.
 pub fn fill_polygons(width: usize, height: usize, polygons: &[Vec<DVec2>]) -> Grid<f32> {
     let mut edges = Vec::with_capacity(polygons.iter().map(Vec::len).sum());
     for polygon in polygons {
@@ -151,9 +150,9 @@ pub fn fill_polygons(width: usize, height: usize, polygons: &[Vec<DVec2>]) -> Gr
     fill_edges(width, height, &edges)
 }
 
-/// The mask of pixels whose centers lie inside closed polygons
+/// Returns the mask of pixels whose centers lie inside closed polygons
 ///
-/// Winding and left out polygons as in [`fill_polygons`].
+/// Winding and ignored polygons as in [`fill_polygons`].
 ///
 /// # Examples
 /// ```
@@ -170,7 +169,7 @@ pub fn mask_of_polygons(width: usize, height: usize, polygons: &[Vec<DVec2>]) ->
         }
         for (&a, &b) in polygon.iter().zip(polygon.iter().cycle().skip(1)) {
             let (top, bottom, winding) = if a.y < b.y { (a, b, 1) } else { (b, a, -1) };
-            // Rows whose centers lie from the upper end, included, to the lower end
+            // Rows whose centers lie between the upper end, inclusive, and the lower end
             let first = (top.y - 0.5).ceil().clamp(0.0, height as f64) as usize;
             let end = (bottom.y - 0.5).ceil().clamp(0.0, height as f64) as usize;
             for (y, row) in crossings.iter_mut().enumerate().take(end).skip(first) {
@@ -195,7 +194,7 @@ pub fn mask_of_polygons(width: usize, height: usize, polygons: &[Vec<DVec2>]) ->
     mask
 }
 
-/// Edges that touch the rows of the grid in the order of their first row, and how many start in each row
+/// Returns the edges that touch the rows of the grid, sorted by their first row, and how many start in each row
 fn sort_edges(height: usize, edges: &[[DVec2; 2]]) -> (Vec<Edge>, Vec<usize>) {
     let mut starts = vec![0; height];
     let mut sorted: Vec<Edge> = Vec::with_capacity(edges.len());
@@ -205,7 +204,7 @@ fn sort_edges(height: usize, edges: &[[DVec2; 2]]) -> (Vec<Edge>, Vec<usize>) {
         }
         let (top, bottom, winding) = if a.y < b.y { (a, b, 1) } else { (b, a, -1) };
         let dx_dy = (bottom.x - top.x) / (bottom.y - top.y);
-        // Not finite: horizontal, or so flat that the crossing is anywhere
+        // Rejects non-finite and horizontal edges, and those too flat for a defined crossing
         if bottom.y <= 0.0 || top.y >= height as f64 || !dx_dy.is_finite() {
             continue;
         }
@@ -223,12 +222,12 @@ fn sort_edges(height: usize, edges: &[[DVec2; 2]]) -> (Vec<Edge>, Vec<usize>) {
     (sorted, starts)
 }
 
-/// The first row of the grid that an edge reaches, given its upper end
+/// Returns the first row of the grid that an edge reaches, given its upper end
 fn first_row(top: f64) -> usize {
     top.max(0.0) as usize
 }
 
-/// The borders of the slabs of one row, from its top to its bottom
+/// Computes the borders of the slabs of one row, from top to bottom
 fn cut_row(row_top: f64, active: &[Edge], cuts: &mut Vec<f64>) {
     let inside = |y: f64| y > row_top && y < row_top + 1.0;
     cuts.clear();
@@ -241,7 +240,7 @@ fn cut_row(row_top: f64, active: &[Edge], cuts: &mut Vec<f64>) {
         let row_bottom = row_top + 1.0;
         cuts.sort_unstable_by(f64::total_cmp);
         cuts.dedup_by(|next, kept| *next - *kept < MIN_SLAB_PX);
-        // The row ends where it ends, whatever the last cut before it
+        // The bottom of the row is always a border
         if let Some(end) = cuts.last_mut() {
             *end = row_bottom;
         }
@@ -258,7 +257,7 @@ fn insertion_sort(edges: &mut [Edge]) {
     }
 }
 
-/// Adds `amount` to the coverage of everything right of `x`
+/// Adds `amount` to the coverage right of `x`
 fn add_step(steps: &mut [f64], x: f64, amount: f64) {
     let pixel = x as usize;
     let fraction = x - pixel as f64;
@@ -313,7 +312,7 @@ mod tests {
             })
     }
 
-    /// Coverage by testing 32 x 32 samples per pixel against the winding number
+    /// Coverage from 32 x 32 samples of the winding number per pixel
     fn fill_reference(width: usize, height: usize, polygons: &[Vec<DVec2>]) -> Grid<f32> {
         const SAMPLES: usize = 32;
         let winding = |p: DVec2| -> i32 {
@@ -368,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn loops_beyond_the_grid_still_wind() {
+    fn loops_beyond_the_grid_are_counted() {
         for outside in [
             rectangle(-50.0, -50.0, 60.0, 60.0),
             rectangle(-1e9, -1e9, 1e9, 1e9),
@@ -395,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn poison_fills_nothing_and_never_panics() {
+    fn non_finite_input_fills_nothing_and_never_panics() {
         let nan = vec![
             DVec2::NAN,
             DVec2::new(3.0, 0.0),
@@ -428,14 +427,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn area_of_the_coverage_is_the_area_of_the_polygon(polygon in convex_polygon()) {
+        fn area_of_the_coverage_equals_the_area_of_the_polygon(polygon in convex_polygon()) {
             let exact = area(&polygon);
             let filled = total(&fill_polygons(40, 40, std::slice::from_ref(&polygon)));
             prop_assert!((filled - exact).abs() <= 1e-3 * exact + 1e-4, "{filled} for {exact}");
         }
 
         #[test]
-        fn the_mask_holds_the_pixels_whose_centers_the_polygon_contains(
+        fn the_mask_contains_the_pixels_with_centers_in_the_polygon(
             points in prop::collection::vec((-3.0..11.0f64, -3.0..11.0f64), 0..9),
         ) {
             let points: Vec<DVec2> = points.iter().map(|&(x, y)| DVec2::new(x, y)).collect();

@@ -1,17 +1,16 @@
 //! Exact Euclidean distance maps.
 //!
-//! Distances run between pixel centers. Two passes, each linear in the number of pixels: distances along
-//! the columns, swept row by row so that memory is read in order, then along each row the lower envelope
-//! of the parabolas that the columns raise.
+//! Distances are between pixel centers. Two passes, each linear in the number of pixels: distances along the columns,
+//! swept row by row for sequential memory access, then along each row the lower envelope of one parabola per column.
 
 use glam::DVec2;
 
-use crate::raster::stretch;
+use crate::raster::run_length;
 use crate::{Grid, Mask};
 
-/// Distance from each pixel center to the nearest `true` pixel center, in px
+/// Computes the distance from each pixel center to the nearest `true` pixel center, in px
 ///
-/// 0 on `true` pixels; infinite everywhere when there are none.
+/// 0 on `true` pixels; infinite everywhere if there are none.
 ///
 /// # Source
 /// A. Meijster, J. Roerdink, W. Hesselink 2000, "A general algorithm for computing distance transforms in
@@ -36,10 +35,10 @@ pub fn distance_to(mask: &Mask) -> Grid<f32> {
     distance
 }
 
-/// Signed distance from each pixel center to the border of a mask, in px, negative inside
+/// Computes the signed distance from each pixel center to the border of a mask, in px, negative inside
 ///
-/// The border runs half way between pixels inside and pixels outside, so no value is nearer to zero than
-/// 0.5. Infinite where there is no border: positive for an empty mask, negative for a full one.
+/// The border runs half way between inside and outside pixels, so no absolute value is below 0.5. Infinite where there
+/// is no border: positive for an empty mask, negative for a full one.
 ///
 /// # Examples
 /// ```
@@ -54,7 +53,7 @@ pub fn signed_distance(mask: &Mask) -> Grid<f32> {
     })
 }
 
-/// The same as [`signed_distance`] up to a distance of `reach_px`; beyond, infinite with the sign of the side
+/// Like [`signed_distance`] up to a distance of `reach_px`; beyond, infinite with the sign of the side
 ///
 /// Twice as fast for a reach of a few pixels, and no faster from forty on.
 ///
@@ -65,9 +64,9 @@ pub fn signed_distance(mask: &Mask) -> Grid<f32> {
 /// assert_eq!(distance.as_slice(), &[f32::INFINITY, 0.5, -0.5, f32::NEG_INFINITY]);
 /// ```
 pub fn signed_distance_within(mask: &Mask, reach_px: f32) -> Grid<f32> {
-    // between pixel centers; NaN reaches nowhere
+    // between pixel centers; NaN counts as zero
     let reach = f64::from(reach_px.max(0.0)) + 0.5;
-    if reach > f64::from(Squares::MOST) {
+    if reach > f64::from(Squares::MAX_REACH) {
         let mut distance = signed_distance(mask);
         for d in distance.as_mut_slice() {
             if d.abs() > reach_px {
@@ -80,9 +79,9 @@ pub fn signed_distance_within(mask: &Mask, reach_px: f32) -> Grid<f32> {
     signed_by(mask, |columns, row| squares.gap_distances(columns, row))
 }
 
-/// Signed distances, of which `gap` finds those in a part of a row that nothing outside of it is nearer to
+/// Computes signed distances; `gap` computes those of a part of a row that has no nearer pixels outside of it
 ///
-/// `gap` is given the distance of each pixel down its column, 0 where the pixel itself is on the other side.
+/// `gap` receives the distance of each pixel along its column, 0 where the pixel itself is on the other side.
 fn signed_by(mask: &Mask, mut gap: impl FnMut(&[u32], &mut [f32])) -> Grid<f32> {
     let width = mask.width();
     let changes = column_changes(mask);
@@ -93,9 +92,9 @@ fn signed_by(mask: &Mask, mut gap: impl FnMut(&[u32], &mut [f32])) -> Grid<f32> 
         let (sides, changes, row) = (mask.row(y), changes.row(y), distance.row_mut(y));
         let mut start = 0;
         while start < width {
-            // Beside a stretch on one side lies the other one.
+            // A run on one side is adjacent to runs on the other side.
             let inside = sides[start];
-            let end = start + stretch(&sides[start..], inside);
+            let end = start + run_length(&sides[start..], inside);
             columns.clear();
             columns.extend((start > 0).then_some(0));
             columns.extend_from_slice(&changes[start..end]);
@@ -113,11 +112,10 @@ fn signed_by(mask: &Mask, mut gap: impl FnMut(&[u32], &mut [f32])) -> Grid<f32> 
     distance
 }
 
-/// Looks up a map between its pixel centers, linearly in x and in y
+/// Samples a map linearly between its pixel centers
 ///
-/// `point` is in pixels, as everywhere: the center of the first pixel is at (0.5, 0.5). Points beyond the
-/// outermost pixel centers take the value at the nearest place between them. NaN for an empty map or a
-/// point that is not a number.
+/// `point` is in pixels, with the center of the first pixel at (0.5, 0.5). Points beyond the outermost pixel centers
+/// take the value at the nearest position between them. NaN for an empty map or a NaN point.
 pub fn bilinear(map: &Grid<f32>, point: DVec2) -> f64 {
     if map.width() == 0 || map.height() == 0 || point.is_nan() {
         return f64::NAN;
@@ -131,7 +129,7 @@ pub fn bilinear(map: &Grid<f32>, point: DVec2) -> f64 {
     );
     let (fx, fy) = (x - x0 as f64, y - y0 as f64);
     let at = |x, y| f64::from(map[(x, y)]);
-    // A weight of zero must not meet an infinite value
+    // A weight of zero must not be multiplied with an infinite value
     let mix = |a: f64, b: f64, t: f64| if t == 0.0 { a } else { a + (b - a) * t };
     let mix = |a: f64, b: f64, t: f64| if a == b { a } else { mix(a, b, t) };
     mix(
@@ -141,10 +139,10 @@ pub fn bilinear(map: &Grid<f32>, point: DVec2) -> f64 {
     )
 }
 
-/// Column distance where a column holds no `true` pixel
+/// Column distance where a column has no `true` pixel
 const NONE: u32 = u32::MAX;
 
-/// Distance of each pixel to the nearest `true` pixel of its column
+/// Computes the distance of each pixel to the nearest `true` pixel of its column
 fn column_distances(mask: &Mask) -> Grid<u32> {
     let (width, height) = (mask.width(), mask.height());
     let mut rows = Grid::filled(width, height, NONE);
@@ -165,7 +163,7 @@ fn column_distances(mask: &Mask) -> Grid<u32> {
     rows
 }
 
-/// Distance of each pixel to the nearest pixel of its column that is on the other side of the border
+/// Computes the distance of each pixel to the nearest pixel of its column on the other side of the border
 fn column_changes(mask: &Mask) -> Grid<u32> {
     let (width, height) = (mask.width(), mask.height());
     let mut rows = Grid::filled(width, height, NONE);
@@ -201,17 +199,17 @@ struct Parabola {
     column: usize,
     /// Squared column distance at the apex
     height: f64,
-    /// First column where it is the lowest, not rounded
+    /// First column where it is the lowest, unrounded
     from: f64,
 }
 
-/// The lower envelope of a row, and what finding it takes
+/// The lower envelope of a row, and its buffers
 struct Envelope {
     parabolas: Vec<Parabola>,
-    /// Half of one over each distance of columns: multiplying is faster than dividing
+    /// Half the reciprocal of each column distance: multiplication is faster than division
     ///
-    /// Crossings are rounded otherwise than by division, which changes nothing: one that lies not at a pixel center is
-    /// farther from it than rounding reaches, and at the center both parabolas are equal.
+    /// Crossings are rounded differently than by division, without effect: a crossing that is not at a pixel center is
+    /// farther from it than the rounding error, and at a center both parabolas are equal.
     half_inverse: Vec<f64>,
 }
 
@@ -224,19 +222,19 @@ impl Envelope {
     }
 }
 
-/// Squared distances of a row, no larger than some reach
+/// Squared distances of a row, bounded by a reach
 struct Squares {
     reach: usize,
-    /// Of whole pixels
+    /// Square of the reach, in pixels
     largest: u16,
-    /// Down the columns
+    /// Along the columns
     columns: Vec<u16>,
     nearest: Vec<u16>,
 }
 
 impl Squares {
-    /// The square of a larger reach is not told from infinity
-    const MOST: u16 = 250;
+    /// Largest reach; squares of larger ones would not be distinct from infinity
+    const MAX_REACH: u16 = 250;
 
     fn new(width: usize, reach: f64) -> Self {
         Self {
@@ -247,11 +245,11 @@ impl Squares {
         }
     }
 
-    /// As the function of this name; what is out of reach stays as it is
+    /// Like [`gap_distances`]; values out of reach are infinite
     ///
-    /// Every pixel within reach is looked at, many at once.
+    /// Tests every pixel within reach, in a form that vectorizes.
     fn gap_distances(&mut self, columns: &[u32], row: &mut [f32]) {
-        let far = u32::from(Self::MOST) + 1;
+        let far = u32::from(Self::MAX_REACH) + 1;
         self.columns.clear();
         self.columns
             .extend(columns.iter().map(|&d| (d.min(far) * d.min(far)) as u16));
@@ -261,7 +259,7 @@ impl Squares {
         nearest.extend_from_slice(columns);
         for dx in 1..=self.reach.min(count.saturating_sub(1)) {
             let square = (dx * dx) as u16;
-            // Nothing is nearer from so far away.
+            // No farther pixel can be nearer.
             if dx % 4 == 1 && nearest.iter().fold(0, |m, &v| m.max(v)) <= square {
                 break;
             }
@@ -283,14 +281,14 @@ impl Squares {
     }
 }
 
-/// Distances of one row from the column distances of its pixels, by those of its gaps
+/// Computes the distances of one row from the column distances of its pixels, gap by gap
 fn row_distances(columns: &[u32], row: &mut [f32], mut gap: impl FnMut(&[u32], &mut [f32])) {
-    // Nothing is nearer across a pixel of distance zero, so each gap between such pixels stands alone
+    // No pixel is nearer across a pixel of distance zero, so each gap between such pixels is independent
     let mut start = 0;
     while start < row.len() {
         if columns[start] == 0 {
             row[start] = 0.0;
-            // The next gap begins at the last zero of a run
+            // The next gap starts at the last zero of a run
             if columns.get(start + 1).is_none_or(|&next| next == 0) {
                 start += 1;
                 continue;
@@ -303,7 +301,7 @@ fn row_distances(columns: &[u32], row: &mut [f32], mut gap: impl FnMut(&[u32], &
     }
 }
 
-/// Distances of a part of a row that nothing outside of it is nearer to
+/// Computes the distances of a part of a row that has no nearer pixels outside of it
 fn gap_distances(columns: &[u32], row: &mut [f32], envelope: &mut Envelope) {
     let Envelope {
         parabolas: envelope,
@@ -379,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn single_pixel_raises_a_cone() {
+    fn a_single_pixel_gives_a_cone() {
         let distance = distance_to(&Mask::from_art("..... ..#.. ....."));
         assert_eq!(distance[(2, 1)], 0.0);
         assert_eq!(distance[(0, 1)], 2.0);
@@ -388,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_masks_are_infinitely_far() {
+    fn distances_to_empty_masks_are_infinite() {
         let distance = distance_to(&Mask::filled(3, 2, false));
         assert!(distance.as_slice().iter().all(|d| *d == f32::INFINITY));
         assert_eq!(distance_to(&Mask::filled(0, 0, true)).width(), 0);
@@ -409,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn bilinear_meets_the_pixel_centers_and_clamps() {
+    fn bilinear_is_exact_at_pixel_centers_and_clamps() {
         let map = Grid::from_vec(2, 2, vec![0f32, 1.0, 2.0, f32::INFINITY]);
         assert_eq!(bilinear(&map, DVec2::new(0.5, 0.5)), 0.0);
         assert_eq!(bilinear(&map, DVec2::new(1.0, 0.5)), 0.5);
@@ -422,7 +420,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn agrees_with_looking_at_every_pixel(mask in masks()) {
+        fn agrees_with_the_reference(mask in masks()) {
             let fast = distance_to(&mask);
             let slow = distance_reference(&mask);
             prop_assert_eq!(fast.as_slice(), slow.as_slice());
@@ -444,7 +442,7 @@ mod tests {
         }
 
         #[test]
-        fn within_reach_all_distances_are_alike(
+        fn distances_within_reach_are_equal(
             mask in masks(),
             reach in prop_oneof![0.0..30.0f32, 240.0..260.0f32],
         ) {

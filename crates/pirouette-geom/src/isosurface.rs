@@ -1,13 +1,12 @@
 //! Surface extraction from a scalar field on an adaptive grid.
 //!
-//! The field is negative inside and positive outside. Coarse blocks of cells are refined only where the
-//! surface can be, which a bound on the slope of the field tells; the finest cells are cut by marching
-//! cubes (Lorensen and Cline 1987) with cases that only look at what neighbor cells share.
+//! The field is negative inside and positive outside. Coarse blocks of cells are refined only where the surface can
+//! be, according to a bound on the slope of the field; the finest cells are cut by marching cubes (Lorensen and
+//! Cline 1987) with cases that depend only on data shared by neighboring cells.
 //!
-//! Whatever the field, the mesh is closed, manifold in edges and vertices, and oriented outward: the surface
-//! is followed into every cell that it enters, even where the bound was wrong. A wrong bound can only
-//! lose separate pieces. Features thinner than a cell, and separate pieces within two cells, can be lost; sharp edges
-//! are chamfered.
+//! For any field, the mesh is closed, manifold in edges and vertices, and oriented outward: the surface is followed
+//! into every cell that it enters, even where the bound is wrong. A wrong bound can only lose separate pieces.
+//! Features thinner than a cell, and separate pieces within two cells, can be lost; sharp edges are chamfered.
 
 mod crossing;
 mod cube_cases;
@@ -27,29 +26,29 @@ use lattice::{Lattice, place_key, place_of_key};
 
 pub use field::Field;
 
-/// Where and how finely to look for the surface
+/// Region and resolution of the surface extraction
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceOptions {
-    /// Corner of the box with the smallest coordinates; the grid starts here
+    /// Corner of the box with the smallest coordinates; origin of the grid
     pub lo: DVec3,
-    /// Corner of the box with the largest coordinates; the grid reaches there or up to one cell further
+    /// Corner of the box with the largest coordinates; the grid ends there or up to one cell beyond
     ///
     /// A solid that reaches the border of the grid is closed there, within the outermost cells.
     pub hi: DVec3,
-    /// Edge length of the finest cells; halving it costs four times the work and the triangles
+    /// Edge length of the finest cells; halving it takes four times the time and the triangles
     pub cell_size: f64,
     /// Upper bound of the field's change per length; 1 for a distance in the unit of the box
     ///
     /// Larger values search more blocks for separate pieces.
     pub lipschitz: f64,
-    /// Field evaluations that refine each vertex along its grid edge, beyond linear interpolation
+    /// Field evaluations that refine each vertex along its grid edge, after linear interpolation
     pub secant_steps: usize,
-    /// Whether separate pieces are looked for that pass between the corners of blocks of eight cells along each axis;
-    /// without, such pieces are found only where there are no thicker ones, in half the time
+    /// Whether to search for separate pieces that pass between the corners of blocks of eight cells along each axis;
+    /// without, they are found only where there are no thicker pieces, in half the time
     pub thin_pieces: bool,
 }
 
-/// Why no grid can be laid out
+/// Error of a grid that cannot be created
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum SurfaceError {
     /// The cell size is not a positive number
@@ -80,14 +79,14 @@ pub enum SurfaceError {
     },
 }
 
-/// Most cells along an axis: three corner indices and an axis fit one 64-bit key
+/// Maximum number of cells along an axis: three corner indices and an axis fit into a 64-bit key
 const MAX_CELLS: u32 = 1 << 20;
 
-/// Cells along a brick, the block in which values are kept
+/// Cells along a brick, the block in which values are stored
 const BRICK: u32 = 8;
-/// Cells along a node, the block that is switched on as a whole
+/// Cells along a node, the block that is activated as a unit
 const NODE: u32 = 2;
-/// Nodes along a brick; all nodes of a brick fit the bits of one `u64`
+/// Nodes along a brick; the nodes of a brick fit into the bits of one `u64`
 const BRICK_NODES: u32 = BRICK / NODE;
 /// Corners along a brick
 const BRICK_CORNERS: usize = BRICK as usize + 1;
@@ -95,7 +94,7 @@ const BRICK_CORNERS: usize = BRICK as usize + 1;
 /// Corners of the cells of a node
 const NODE_CORNERS: usize = (NODE as usize + 1).pow(3);
 
-/// Bits of the corners of a node on its faces, by axis and side
+/// Bits of the node corners on each face, by axis and side
 const NODE_FACES: [[u32; 2]; 3] = {
     let mut faces = [[0; 2]; 3];
     let mut corner = 0;
@@ -113,7 +112,7 @@ const NODE_FACES: [[u32; 2]; 3] = {
     faces
 };
 
-/// Corners of the cells of a node among the node's own
+/// Corners of each cell of a node, as indices of the node's corners
 const CELL_CORNERS: [[u32; 8]; 8] = {
     let mut corners = [[0; 8]; 8];
     let mut i = 0;
@@ -128,12 +127,12 @@ const CELL_CORNERS: [[u32; 8]; 8] = {
     corners
 };
 
-/// Extracts the surface where `field` changes its sign; an empty mesh when it does not
+/// Extracts the surface where `field` changes its sign; returns an empty mesh when it does not
 ///
-/// A field value of zero or NaN counts as outside. Closures are fields.
+/// A field value of zero or NaN counts as outside. Closures implement [`Field`].
 ///
 /// # Errors
-/// When the options describe no grid.
+/// When the options do not describe a valid grid.
 ///
 /// # Examples
 /// ```
@@ -161,7 +160,7 @@ pub fn extract_surface(
     options: &SurfaceOptions,
 ) -> Result<TriMesh, SurfaceError> {
     let grid = Lattice::new(&field, options)?;
-    // By the names of their origins
+    // Bricks by the keys of their origins
     let mut bricks = BTreeMap::new();
     let mut pending = BTreeMap::new();
     if !options.thin_pieces {
@@ -184,7 +183,7 @@ pub fn extract_surface(
             .par_iter_mut()
             .map(|brick| brick.sample(&grid))
             .collect();
-        // Most bricks searched turn out to hold nothing: they go at once, or they would fill the memory.
+        // Most searched bricks turn out empty: drop them immediately, or they would fill the memory.
         let found = work.into_iter().filter(|brick| brick.active != 0);
         bricks.extend(found.map(|brick| (place_key(brick.origin), brick)));
         pending = BTreeMap::new();
@@ -203,28 +202,28 @@ pub fn extract_surface(
     Ok(weld(pieces))
 }
 
-/// The name of a brick's origin and one bit for a node of it
+/// Key of a brick's origin, and bits of its nodes
 type NodeRequest = (u64, u64);
 
-/// What to do with a brick next
+/// Next step for a brick
 #[derive(Debug, Clone, Copy)]
 enum Wanted {
     /// Find the nodes near the surface
     Search,
-    /// Switch on these nodes
+    /// Activate these nodes
     Nodes(u64),
 }
 
-/// A cube of cells with the field values at those corners that were needed
+/// A cube of cells with the field values at the corners that were evaluated
 #[derive(Debug)]
 struct Brick<P> {
     /// First cell
     origin: [u32; 3],
-    /// Values at the corners, NaN where not yet evaluated; x runs fastest; empty before the first
+    /// Values at the corners, NaN where not evaluated; x runs fastest; empty before the first evaluation
     values: Vec<f32>,
-    /// Nodes that are switched on, one bit each; x runs fastest
+    /// Active nodes, one bit each; x runs fastest
     active: u64,
-    /// These nodes, by their bits
+    /// The active nodes, sorted by bit
     nodes: Vec<Node<P>>,
     wanted: Wanted,
 }
@@ -234,9 +233,9 @@ struct Brick<P> {
 struct Node<P> {
     /// Its bit in the brick
     bit: u32,
-    /// Which of its corners are inside, one bit each; x runs fastest
+    /// Corners inside, one bit each; x runs fastest
     inside: u32,
-    /// The part of the field in it
+    /// Part of the field in the node
     part: P,
 }
 
@@ -260,12 +259,12 @@ impl<P: Copy> Brick<P> {
     fn value<F: Field<Part = P>>(&mut self, grid: &Lattice<F>, local: [u32; 3], part: P) -> f64 {
         match self.values.get(Self::slot(local)) {
             Some(&value) if !value.is_nan() => f64::from(value),
-            _ => self.keep(local, grid.value(offset(self.origin, local, 1), part)),
+            _ => self.store_value(local, grid.value(offset(self.origin, local, 1), part)),
         }
     }
 
-    /// Keeps the value of a corner; hands it back as it is kept
-    fn keep(&mut self, local: [u32; 3], value: f64) -> f64 {
+    /// Stores the value of a corner and returns the stored value
+    fn store_value(&mut self, local: [u32; 3], value: f64) -> f64 {
         if self.values.is_empty() {
             self.values.resize(BRICK_CORNERS.pow(3), f32::NAN);
         }
@@ -274,18 +273,18 @@ impl<P: Copy> Brick<P> {
         f64::from(value)
     }
 
-    /// The part of the field in this brick
+    /// Returns the part of the field in this brick
     fn part<F: Field<Part = P>>(&self, grid: &Lattice<F>) -> P {
         let middle = offset(self.origin, [1; 3], BRICK / 2);
         grid.middle(middle, BRICK, grid.field.whole()).1
     }
 
-    /// Switches on the wanted nodes and follows the surface through the brick
+    /// Activates the wanted nodes and follows the surface through the brick
     ///
-    /// Returns the nodes of other bricks into which the surface goes on.
+    /// Returns the nodes of other bricks into which the surface continues.
     fn sample<F: Field<Part = P>>(&mut self, grid: &Lattice<F>) -> Vec<NodeRequest> {
         let (mut queue, part) = match self.wanted {
-            Wanted::Search => self.search(grid),
+            Wanted::Search => self.search_nodes(grid),
             Wanted::Nodes(nodes) => (nodes, self.part(grid)),
         };
         let mut requests = Vec::new();
@@ -297,10 +296,10 @@ impl<P: Copy> Brick<P> {
             }
             self.active |= 1 << bit;
             let first = node_corner(bit);
-            // The value here tells the part of the field; the other corners follow from it.
+            // This value determines the part of the field for the other corners.
             let middle = offset(first, [1; 3], NODE / 2);
             let (value, part) = grid.middle(offset(self.origin, middle, 1), NODE, part);
-            self.keep(middle, value);
+            self.store_value(middle, value);
             let inside = self.evaluate(grid, part, first);
             self.nodes.push(Node { bit, inside, part });
             for (axis, faces) in NODE_FACES.iter().enumerate() {
@@ -326,12 +325,12 @@ impl<P: Copy> Brick<P> {
                 }
             }
         }
-        // So that meshes do not depend on where the surface was found first
+        // Makes meshes independent of where the surface was found first
         self.nodes.sort_unstable_by_key(|node| node.bit);
         requests
     }
 
-    /// Evaluates the corners of all cells of a node, as far as that was not done; tells by bits which are inside
+    /// Evaluates the missing corners of all cells of a node; returns the bits of the corners inside
     fn evaluate<F: Field<Part = P>>(&mut self, grid: &Lattice<F>, part: P, first: [u32; 3]) -> u32 {
         let mut inside = 0;
         let mut corners = [(0, [0; 3]); NODE_CORNERS];
@@ -353,13 +352,13 @@ impl<P: Copy> Brick<P> {
             .values(&points[..count], part, &mut values[..count]);
         for (&(corner, local), &value) in corners[..count].iter().zip(&values) {
             let value = grid.bounded(offset(self.origin, local, 1), value);
-            inside |= u32::from(self.keep(local, value) < 0.0) << corner;
+            inside |= u32::from(self.store_value(local, value) < 0.0) << corner;
         }
         inside
     }
 
-    /// Nodes near the surface, found from coarse to fine, and the part of the field here
-    fn search<F: Field<Part = P>>(&mut self, grid: &Lattice<F>) -> (u64, P) {
+    /// Finds nodes near the surface, from coarse to fine, and the part of the field in this brick
+    fn search_nodes<F: Field<Part = P>>(&mut self, grid: &Lattice<F>) -> (u64, P) {
         let middle = offset(self.origin, [1; 3], BRICK / 2);
         let (center, part) = grid.middle(middle, BRICK, grid.field.whole());
         if !grid.may_cut(self.origin, BRICK, center) {
@@ -382,9 +381,9 @@ impl<P: Copy> Brick<P> {
         (found, part)
     }
 
-    /// Whether not all corners of a node are on the side of its center
+    /// Whether some corner of a node is on the other side of the surface than its center
     ///
-    /// Surfaces that come in otherwise are followed from where they come.
+    /// Other surfaces that enter the node are followed from its neighbors.
     fn is_mixed<F: Field<Part = P>>(
         &mut self,
         grid: &Lattice<F>,
@@ -431,16 +430,16 @@ impl<P: Copy> Brick<P> {
         piece
     }
 
-    /// Name of a grid edge that other bricks share, `None` for one inside this brick
+    /// Returns the key of a grid edge that other bricks share, `None` for one inside this brick
     fn edge_key(&self, from: [u32; 3], axis: usize) -> Option<u64> {
         let shared = (0..3).any(|a| a != axis && (from[a] == 0 || from[a] == BRICK));
         shared.then(|| {
-            // Names of places stay just above 2^62 at most.
+            // Keys of places exceed 2^62 only slightly.
             place_key(offset(self.origin, from, 1)) * 3 + axis as u64
         })
     }
 
-    /// A grid edge along which the field changes its sign
+    /// Returns a grid edge along which the field changes its sign
     fn crossing<F: Field<Part = P>>(
         &self,
         grid: &Lattice<F>,
@@ -457,7 +456,7 @@ impl<P: Copy> Brick<P> {
     }
 }
 
-/// A value as bricks keep it
+/// Rounds a value for storage
 fn rounded(value: f64) -> f32 {
     // Bounded so that interpolation between two corners stays finite
     let bound = f64::from(f32::MAX) / 4.0;
@@ -471,7 +470,7 @@ fn rounded(value: f64) -> f32 {
 }
 
 impl<P> Node<P> {
-    /// How the surface runs through a cell, by the bits of the cell's corners that are inside
+    /// Returns the index of the cube case of a cell: the bits of its corners inside
     #[inline]
     fn case(&self, cell: usize) -> usize {
         CELL_CORNERS[cell]
@@ -483,17 +482,17 @@ impl<P> Node<P> {
     }
 }
 
-/// The surface within one brick
+/// Part of the surface within one brick
 #[derive(Debug, Default)]
 struct Piece {
     positions: Vec<DVec3>,
-    /// Name of the vertex where other bricks have it too
+    /// Key of each vertex that other bricks share
     keys: Vec<Option<u64>>,
     triangles: Vec<[u32; 3]>,
 }
 
 impl Piece {
-    /// Adds the triangles of a cell with these vertices on its edges
+    /// Adds the triangles of a cell, given the vertices on its edges
     fn add(&mut self, case: &CubeCase, vertices: &[u32; EDGE_COUNT as usize]) {
         let first_center = self.positions.len() as u32;
         for polygon in &case.centers {
@@ -512,7 +511,7 @@ impl Piece {
     }
 }
 
-/// Joins the pieces at the vertices that they share
+/// Joins the pieces at shared vertices
 fn weld(pieces: Vec<Piece>) -> TriMesh {
     let vertex_count = pieces.iter().map(|piece| piece.positions.len()).sum();
     let triangle_count = pieces.iter().map(|piece| piece.triangles.len()).sum();
@@ -548,25 +547,25 @@ fn weld(pieces: Vec<Piece>) -> TriMesh {
     mesh
 }
 
-/// First cell within its brick of the node with this bit
+/// Returns the first cell, within its brick, of the node with this bit
 fn node_corner(bit: u32) -> [u32; 3] {
     let node = [bit, bit / BRICK_NODES, bit / BRICK_NODES / BRICK_NODES];
     node.map(|n| n % BRICK_NODES * NODE)
 }
 
-/// Place of a corner within its node; x runs fastest
+/// Returns the position of a corner within its node; x runs fastest
 const fn node_corner_place(corner: u32) -> [u32; 3] {
     const SIDE: u32 = NODE + 1;
     [corner % SIDE, corner / SIDE % SIDE, corner / SIDE / SIDE]
 }
 
-/// The bit of the node that holds a cell of its brick
+/// Returns the bit of the node that contains a cell of its brick
 fn node_mask(cell: [u32; 3]) -> u64 {
     let [x, y, z] = cell.map(|v| v / NODE);
     1 << (x + BRICK_NODES * (y + BRICK_NODES * z))
 }
 
-/// Corner of the unit cube by its bits
+/// Returns the corner of the unit cube with these bits
 #[inline]
 const fn cube_corner(bits: u32) -> [u32; 3] {
     [bits & 1, bits >> 1 & 1, bits >> 2 & 1]

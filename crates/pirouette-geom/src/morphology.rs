@@ -1,28 +1,28 @@
 //! Erosion, dilation, connected components and holes of masks.
 //!
 //! Structuring elements are Euclidean discs. A disc of radius `r` around a pixel center contains the pixel centers at a
-//! distance of at most `r * (1 + 1e-6)`: a radius computed as the distance of two centers reaches them in spite of
-//! rounding. A radius below one pixel contains the center alone. Pixels beyond the image are unknown: its border neither
+//! distance of at most `r * (1 + 1e-6)`, so that a radius computed as the distance of two centers includes them despite
+//! rounding. A radius below one pixel contains only the center. Pixels beyond the image are unknown: its border neither
 //! erodes nor dilates a shape.
 
 use crate::Mask;
-use crate::raster::stretch;
+use crate::raster::run_length;
 
-/// Factor on each radius: a radius computed as the distance of two pixel centers reaches them in spite of rounding
+/// Factor on each radius: a radius computed as the distance of two pixel centers includes them despite rounding
 ///
-/// It lengthens a radius of 100 px by a ten-thousandth of a pixel.
+/// Lengthens a radius of 100 px by a ten-thousandth of a pixel.
 const ROUNDING: f64 = 1.0 + 1e-6;
 
-/// Pixels whose center is at most `radius` px from a pixel of the given value
+/// Returns the pixels whose center is at most `radius` px from a pixel of the given value
 ///
-/// On rows of bits: each row is widened to the disc's rows one after the other, from the narrowest to the widest, and
-/// each time laid over the rows above and below.
+/// Works on rows of bits: each row is widened to the rows of the disc, from the narrowest to the widest, and each time
+/// combined with the rows above and below.
 fn within(mask: &Mask, radius: f64, value: bool) -> Mask {
     let (width, height) = (mask.width(), mask.height());
     let half_widths = half_widths(radius * ROUNDING, width, height);
     let words = width.div_ceil(WORD);
     let mut covered = vec![0_u64; words * height];
-    // with an empty word at either end
+    // with an empty word at both ends
     let (mut wide, mut narrow) = (vec![0_u64; words], vec![0_u64; words + 2]);
     for y in 0..height {
         pack(mask.row(y), value, &mut wide);
@@ -32,8 +32,8 @@ fn within(mask: &Mask, radius: f64, value: bool) -> Mask {
         let mut half = 0;
         for (dy, &wanted) in half_widths.iter().enumerate().rev() {
             while half < wanted {
-                // What is widened already consists of stretches of at least so many pixels, even where the image cuts
-                // them off, and nothing is left open between their copies.
+                // The row consists of runs of at least `half + 1` pixels, even at the image border, so its shifted copies
+                // leave no gaps.
                 let step = (wanted - half).min(half + 1).min(WORD - 1);
                 narrow[1..=words].copy_from_slice(&wide);
                 add_shifted(&mut wide, &narrow, step);
@@ -56,30 +56,30 @@ fn within(mask: &Mask, radius: f64, value: bool) -> Mask {
     out
 }
 
-/// Pixels to a word
+/// Pixels per word
 const WORD: usize = u64::BITS as usize;
 
-/// How far a disc reaches to either side, in its middle row and in those below, as far as an image has rows
+/// Returns half widths of a disc: in its middle row, then in those below, at most as many as the image has rows
 fn half_widths(radius: f64, width: usize, height: usize) -> Vec<usize> {
-    // No disc needs to be larger than the image.
+    // Larger discs than the image have no effect.
     let radius = radius.min((width + height) as f64);
     let reach = (radius as usize).min(height.saturating_sub(1));
     let half_width = |dy: usize| largest_root(radius * radius - (dy * dy) as f64).min(width);
     (0..=reach).map(half_width).collect()
 }
 
-/// The largest integer whose square is at most `limit`; 0 for a negative limit
+/// Returns the largest integer whose square is at most `limit`; 0 for a negative limit
 fn largest_root(limit: f64) -> usize {
-    // The square root may be rounded up to an integer.
+    // The square root may have been rounded up to an integer.
     let root = limit.max(0.0).sqrt() as usize;
     let too_large = root > 0 && (root * root) as f64 > limit;
     root - usize::from(too_large)
 }
 
-/// One in each byte
+/// A one in each byte
 const ONES: u64 = u64::MAX / 255;
 
-/// One bit for each pixel of a row, set where it has the value
+/// Packs a row into bits, set where a pixel has the value
 fn pack(row: &[bool], value: bool, words: &mut [u64]) {
     let flip = if value { 0 } else { ONES };
     for (word, pixels) in words.iter_mut().zip(row.chunks(WORD)) {
@@ -89,18 +89,18 @@ fn pack(row: &[bool], value: bool, words: &mut [u64]) {
             for (byte, &pixel) in bytes.iter_mut().zip(pixels) {
                 *byte = u8::from(pixel);
             }
-            // The product brings bit 0 of byte k to bit 56 + k.
+            // The product moves bit 0 of byte k to bit 56 + k.
             let bits = (u64::from_le_bytes(bytes) ^ flip).wrapping_mul(0x0102_0408_1020_4080);
             *word |= bits >> 56 << (8 * i);
         }
     }
 }
 
-/// The pixels of a row whose bits are set
+/// Unpacks bits into the pixels of a row
 fn unpack(words: &[u64], row: &mut [bool]) {
     for (pixels, word) in row.chunks_mut(WORD).zip(words) {
         for (pixels, byte) in pixels.chunks_mut(8).zip(word.to_le_bytes()) {
-            // Byte k keeps bit k, which is brought to bit 7 by adding 127, and on to bit 0.
+            // Byte k keeps bit k; adding 127 carries it to bit 7, and it is shifted to bit 0.
             let own = (u64::from(byte) * ONES) & 0x8040_2010_0804_0201;
             let set = (own + 127 * ONES) >> 7 & ONES;
             for (pixel, set) in pixels.iter_mut().zip(set.to_le_bytes()) {
@@ -110,7 +110,7 @@ fn unpack(words: &[u64], row: &mut [bool]) {
     }
 }
 
-/// Adds a row of bits, which has one word more at either end, moved by 1 to 63 pixels to the left and to the right
+/// Adds a row of bits, padded by one word at both ends, shifted by 1 to 63 pixels to the left and to the right
 fn add_shifted(row: &mut [u64], by: &[u64], pixels: usize) {
     let back = WORD - pixels;
     for (word, near) in row.iter_mut().zip(by.windows(3)) {
@@ -120,7 +120,7 @@ fn add_shifted(row: &mut [u64], by: &[u64], pixels: usize) {
 
 /// Adds every pixel whose center is at most `radius` px from a pixel inside
 ///
-/// A radius below one pixel, or one that is not a number, changes nothing.
+/// A radius below one pixel, or NaN, changes nothing.
 ///
 /// # Examples
 /// ```
@@ -135,7 +135,7 @@ pub fn dilate(mask: &Mask, radius: f64) -> Mask {
     let Some((x0, y0, x1, y1)) = mask.bounding_box() else {
         return mask.clone();
     };
-    // nothing changes beyond the reach of the disc
+    // nothing changes beyond the radius of the disc
     let (width, height) = (mask.width(), mask.height());
     let reach = radius.min((width + height) as f64) as usize + 1;
     let (x0, y0) = (x0.saturating_sub(reach), y0.saturating_sub(reach));
@@ -153,8 +153,7 @@ pub fn dilate(mask: &Mask, radius: f64) -> Mask {
 
 /// Removes every pixel whose center is at most `radius` px from a pixel outside
 ///
-/// The image border does not count as outside. A radius below one pixel, or one that is not a number,
-/// changes nothing.
+/// The image border does not count as outside. A radius below one pixel, or NaN, changes nothing.
 ///
 /// # Examples
 /// ```
@@ -173,28 +172,28 @@ pub fn erode(mask: &Mask, radius: f64) -> Mask {
     near_outside
 }
 
-/// Erodes, then dilates: removes what a disc of `radius` px does not fit into
+/// Erodes, then dilates: removes parts that do not contain a disc of `radius` px
 pub fn open(mask: &Mask, radius: f64) -> Mask {
     dilate(&erode(mask, radius), radius)
 }
 
-/// Dilates, then erodes: closes gaps that a disc of `radius` px does not fit into
+/// Dilates, then erodes: closes gaps that do not contain a disc of `radius` px
 pub fn close(mask: &Mask, radius: f64) -> Mask {
     erode(&dilate(mask, radius), radius)
 }
 
-/// Connected parts of a mask, row by row; pixels that share an edge are connected
+/// Connected components of a mask in run-length form; pixels that share an edge are connected
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Components {
     width: usize,
     height: usize,
-    /// From the top left on, in reading order
+    /// In reading order, from the top left
     runs: Vec<Run>,
-    /// Pixels of each component, in the order in which rows from the top first meet them
+    /// Area of each component in pixels; components are numbered in reading order of their first pixel
     pub areas: Vec<usize>,
 }
 
-/// A stretch of pixels of one component in one row
+/// A run of pixels of one component in one row
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Run {
     row: usize,
@@ -205,7 +204,7 @@ struct Run {
 }
 
 impl Components {
-    /// Index of the largest component, the first of equals; `None` for an empty mask
+    /// Returns the index of the largest component, the first of equals; `None` for an empty mask
     pub fn largest(&self) -> Option<usize> {
         let mut best: Option<usize> = None;
         for (i, &area) in self.areas.iter().enumerate() {
@@ -216,21 +215,21 @@ impl Components {
         best
     }
 
-    /// The mask of one component
+    /// Returns the mask of one component
     pub fn mask(&self, component: usize) -> Mask {
         let mut mask = Mask::filled(self.width, self.height, false);
         self.paint(&mut mask, true, |of| of == component);
         mask
     }
 
-    /// Gives the pixels of some components a value
+    /// Sets the pixels of the selected components to a value
     fn paint(&self, mask: &mut Mask, value: bool, which: impl Fn(usize) -> bool) {
         for run in self.runs.iter().filter(|run| which(run.component)) {
             mask.row_mut(run.row)[run.start..run.end].fill(value);
         }
     }
 
-    /// Which components reach the border of the picture
+    /// Returns which components touch the border of the image
     fn reach_border(&self) -> Vec<bool> {
         let mut reach = vec![false; self.areas.len()];
         for run in &self.runs {
@@ -244,7 +243,7 @@ impl Components {
     }
 }
 
-/// Finds the connected parts of a mask; pixels that share an edge are connected
+/// Finds the connected components of a mask; pixels that share an edge are connected
 ///
 /// # Examples
 /// ```
@@ -257,7 +256,7 @@ pub fn components(mask: &Mask) -> Components {
     components_of(mask, true)
 }
 
-/// Keeps the largest component only, the first of equals
+/// Keeps only the largest component, the first of equals
 pub fn largest_component(mask: &Mask) -> Mask {
     let parts = components(mask);
     match parts.largest() {
@@ -268,7 +267,7 @@ pub fn largest_component(mask: &Mask) -> Mask {
 
 /// Fills holes of fewer than `area_px` pixels
 ///
-/// A hole is a part of the outside that is connected along pixel edges and does not reach the image border.
+/// A hole is a component of the outside, connected along pixel edges, that does not touch the image border.
 ///
 /// # Examples
 /// ```
@@ -286,12 +285,12 @@ pub fn fill_holes_below(mask: &Mask, area_px: usize) -> Mask {
     filled
 }
 
-/// Connected parts of the pixels that have a value
+/// Returns the connected components of the pixels with a value
 fn components_of(mask: &Mask, value: bool) -> Components {
     let (mut runs, parents) = connected_runs(mask, value);
     let mut areas: Vec<usize> = Vec::new();
     for i in 0..runs.len() {
-        // A root comes before all other runs of its component.
+        // A root precedes all other runs of its component.
         runs[i].component = if parents[i] == i {
             areas.push(0);
             areas.len() - 1
@@ -308,7 +307,7 @@ fn components_of(mask: &Mask, value: bool) -> Components {
     }
 }
 
-/// All runs of a value, and for each the index of an earlier one of the same component, or of itself
+/// Returns all runs of a value, and for each the index of an earlier run of its component, or its own
 fn connected_runs(mask: &Mask, value: bool) -> (Vec<Run>, Vec<usize>) {
     let (mut runs, mut parents): (Vec<Run>, Vec<usize>) = (Vec::new(), Vec::new());
     let mut above = 0..0;
@@ -317,8 +316,8 @@ fn connected_runs(mask: &Mask, value: bool) -> (Vec<Run>, Vec<usize>) {
         let first = runs.len();
         let mut end = 0;
         while end < row.len() {
-            let start = end + stretch(&row[end..], !value);
-            end = start + stretch(&row[start..], value);
+            let start = end + run_length(&row[end..], !value);
+            end = start + run_length(&row[start..], value);
             if start < end {
                 parents.push(runs.len());
                 runs.push(Run {
@@ -347,7 +346,7 @@ fn connected_runs(mask: &Mask, value: bool) -> (Vec<Run>, Vec<usize>) {
 
 fn unite(parents: &mut [usize], a: usize, b: usize) {
     let (a, b) = (find_and_shorten(parents, a), find_and_shorten(parents, b));
-    // The earlier run is the root, so chains stay short and components follow the rows.
+    // The earlier run is the root, so chains stay short and components follow the order of rows.
     parents[a.max(b)] = a.min(b);
 }
 
@@ -391,7 +390,7 @@ mod tests {
         })
     }
 
-    /// Floods from every pixel that no component has yet
+    /// Floods from every pixel without a component
     fn flooded(mask: &Mask) -> Vec<Mask> {
         let (width, height) = (mask.width(), mask.height());
         let mut left = mask.clone();
@@ -458,7 +457,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_full_and_odd_inputs_are_fine() {
+    fn empty_full_and_unusual_inputs_are_handled() {
         for mask in [
             Mask::filled(0, 0, true),
             Mask::filled(0, 3, true),
@@ -477,7 +476,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disc_reaches_a_pixel_center_on_its_border_in_spite_of_rounding() {
+    fn a_disc_contains_a_pixel_center_on_its_border_despite_rounding() {
         let mut mask = Mask::filled(40, 3, false);
         mask[(0, 0)] = true;
         for (radius, width) in [(27.999994, 29), (27.9999, 28), (28.0, 29), (0.9999999, 1)] {
@@ -519,13 +518,13 @@ mod tests {
         }
 
         #[test]
-        fn dilation_agrees_with_looking_at_every_pixel(mask in masks(), radius in 0.0..6.0f64, whole: bool) {
+        fn dilation_agrees_with_the_reference(mask in masks(), radius in 0.0..6.0f64, whole: bool) {
             let radius = if whole { radius.round() } else { radius };
             prop_assert_eq!(dilate(&mask, radius), dilate_reference(&mask, radius));
         }
 
         #[test]
-        fn dilation_reaches_across_words(mask in sparse_wide_masks(), radius in 0.0..150.0f64) {
+        fn dilation_crosses_words(mask in sparse_wide_masks(), radius in 0.0..150.0f64) {
             prop_assert_eq!(dilate(&mask, radius), dilate_reference(&mask, radius));
         }
 

@@ -1,15 +1,15 @@
-//! The nearest point of a triangle mesh.
+//! Nearest points of a triangle mesh.
 //!
-//! A tree of boxes around triangles, halved at the median of the triangles' middles. Every query is exact.
+//! A tree of bounding boxes, split at the median of the triangle centers. Every query is exact.
 
 use glam::DVec3;
 
 use crate::tri_mesh::TriMesh;
 
-/// Triangles in a leaf; fewer make the tree deeper, more make leaves slower
+/// Maximum triangles per leaf; fewer make the tree deeper, more make leaves slower
 const LEAF_SIZE: usize = 4;
 
-/// A mesh sorted for queries
+/// A mesh prepared for nearest point queries
 ///
 /// # Examples
 /// ```
@@ -24,7 +24,7 @@ const LEAF_SIZE: usize = 4;
 /// ```
 #[derive(Debug, Clone)]
 pub struct NearestSurface {
-    /// In the order of the leaves
+    /// In leaf order
     triangles: Vec<Triangle>,
     nodes: Vec<Node>,
 }
@@ -32,11 +32,11 @@ pub struct NearestSurface {
 /// A point of a surface
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePoint {
-    /// Where it is
+    /// Position
     pub position: DVec3,
-    /// The triangle that it lies on, by its place in the mesh
+    /// Index of its triangle in the mesh
     pub triangle: usize,
-    /// How far it is from the point that was asked for
+    /// Distance to the query point
     pub distance: f64,
 }
 
@@ -47,19 +47,19 @@ struct Triangle {
 }
 
 impl Triangle {
-    fn middle(&self) -> DVec3 {
+    fn center(&self) -> DVec3 {
         self.corners.iter().sum::<DVec3>() / 3.0
     }
 }
 
-/// A box around `triangles[first..end]`
+/// Bounding box of `triangles[first..end]`
 #[derive(Debug, Clone, Copy)]
 struct Node {
     low: DVec3,
     high: DVec3,
     first: u32,
     end: u32,
-    /// Both halves stand one after the other; `None` in a leaf
+    /// Index of the first half, followed by the second; `None` in a leaf
     children: Option<u32>,
 }
 
@@ -86,10 +86,10 @@ impl Node {
 }
 
 impl NearestSurface {
-    /// Sorts the triangles of a mesh; those with corners that are not finite are left out
+    /// Builds the tree of a mesh; triangles with non-finite corners are ignored
     ///
     /// # Panics
-    /// When a triangle names a vertex that does not exist.
+    /// When a triangle refers to a vertex that does not exist.
     pub fn new(mesh: &TriMesh) -> Self {
         let mut triangles: Vec<Triangle> = (0..mesh.triangles.len())
             .map(|index| Triangle {
@@ -109,7 +109,7 @@ impl NearestSurface {
                 let axis = (node.high - node.low).max_position();
                 let half = (end - first) / 2;
                 triangles[first..end].select_nth_unstable_by(half, |a, b| {
-                    a.middle()[axis].total_cmp(&b.middle()[axis])
+                    a.center()[axis].total_cmp(&b.center()[axis])
                 });
                 nodes[at].children = Some(nodes.len() as u32);
                 nodes.push(Node::new(&triangles, first, first + half));
@@ -120,7 +120,7 @@ impl NearestSurface {
         Self { triangles, nodes }
     }
 
-    /// The point of the surface nearest to a point; `None` without triangles or for a point that is not finite
+    /// Returns the point of the surface nearest to `point`; `None` without triangles or for a non-finite point
     pub fn nearest(&self, point: DVec3) -> Option<SurfacePoint> {
         if !point.is_finite() {
             return None;
@@ -137,7 +137,7 @@ impl NearestSurface {
             if let Some(child) = node.children {
                 let [a, b] = [child as usize, child as usize + 1]
                     .map(|child| (self.nodes[child].distance_squared(point), child));
-                // The nearer half is taken first.
+                // The nearer half is searched first.
                 open.extend(if a.0 < b.0 { [b, a] } else { [a, b] });
                 continue;
             }
@@ -158,7 +158,7 @@ impl NearestSurface {
     }
 }
 
-/// The point of a triangle nearest to a point; triangles without area count as their sides
+/// Returns the point of a triangle nearest to `point`; triangles without area count as their sides
 pub fn nearest_in_triangle(point: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
     let normal = (b - a).cross(c - a);
     let inside = [(a, b), (b, c), (c, a)]
@@ -181,7 +181,7 @@ pub fn nearest_in_triangle(point: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
 fn nearest_on_side(point: DVec3, from: DVec3, to: DVec3) -> DVec3 {
     let side = to - from;
     let along = (point - from).dot(side) / side.length_squared();
-    // A side without length has no direction.
+    // A side of zero length has no direction.
     if along.is_nan() {
         return from;
     }
@@ -193,7 +193,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// All triangles, one after the other
+    /// Searches all triangles
     fn nearest_reference(mesh: &TriMesh, point: DVec3) -> Option<f64> {
         (0..mesh.triangles.len())
             .map(|t| point.distance(nearest_in_triangle(point, mesh.corners(t))))
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn above_the_middle_beside_a_side_and_beyond_a_corner() {
+    fn nearest_points_lie_in_the_face_on_a_side_or_at_a_corner() {
         let near = |x, y, z| nearest_in_triangle(DVec3::new(x, y, z), flat());
         assert_eq!(near(1.0, 1.0, 5.0), DVec3::new(1.0, 1.0, 0.0));
         assert_eq!(near(1.0, -2.0, 1.0), DVec3::new(1.0, 0.0, 0.0));
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_that_are_not_finite_are_left_out() {
+    fn non_finite_triangles_are_ignored() {
         let mut positions = flat().to_vec();
         positions.push(DVec3::splat(f64::NAN));
         let mesh = TriMesh {
@@ -253,7 +253,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_tree_finds_what_a_look_at_all_triangles_finds(
+        fn the_tree_agrees_with_a_search_of_all_triangles(
             positions in points(3..40),
             corners in prop::collection::vec(prop::array::uniform3(0usize..1000), 1..60),
             asked in points(1..10),

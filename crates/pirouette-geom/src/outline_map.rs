@@ -1,4 +1,4 @@
-//! Signed distance to a silhouette's outline, exact to fractions of a pixel near it.
+//! Signed distance to a silhouette's outline, accurate to fractions of a pixel near it.
 
 use crate::contour::{nearest_on_segment, trace_outline};
 use crate::distance_map::signed_distance_within;
@@ -7,47 +7,47 @@ use glam::DVec2;
 
 /// Signed distance to the outline of a soft silhouette, in px, negative inside
 ///
-/// What carving and tapes ask; a third of the silhouette's size in memory.
+/// For carving and tapes; takes a third of the silhouette's memory.
 #[derive(Debug, Clone)]
 pub struct OutlineMap {
     /// Columns and rows of the silhouette
     size: (usize, usize),
     /// Distances at pixel centers around the person, in px
     distances: Grid<f32>,
-    /// Photo coordinates of the first pixel center
+    /// Photo coordinates of the first pixel center of the map
     first: DVec2,
-    /// Largest position between pixel centers: just before the last column and row
+    /// Largest coordinates between pixel centers: just before the last column and row
     last_cell: DVec2,
-    /// The corners of the box that holds the person, in photo coordinates; `None` for an empty silhouette
+    /// Corners of the person's bounding box, in photo coordinates; `None` for an empty silhouette
     person: Option<[DVec2; 2]>,
-    /// Whether the person is cut off by the border of the photo
+    /// Whether the border of the photo cuts off the person
     cut: bool,
 }
 
-/// Within this distance, in px, values come from the outline itself; beyond, from whole pixels
+/// Within this distance, in px, values are computed from the outline; beyond, from pixels
 ///
-/// A cell of 5 mm spans two to three pixels of usual photos: all corners of cells that the surface cuts
-/// lie within.
+/// A cell of 5 mm spans two to three pixels of typical photos: all corners of cells that the surface cuts lie
+/// within this distance.
 const EXACT_PX: f64 = 3.0;
 
-/// Pixels kept around the silhouette: beyond, distances are those to the box that holds it
+/// Pixels kept around the silhouette; beyond, distances to the bounding box are used
 ///
-/// Only the search for blocks to skip looks there.
+/// Only the search for blocks to skip samples there.
 const MARGIN_PX: usize = 24;
 
 impl OutlineMap {
     /// Coverage at the outline
     pub const LEVEL: f32 = 0.5;
 
-    /// How far distances are told to find where there is nothing to carve, in px
+    /// Reach for carving, which skips blocks by their distance, in px
     pub const FAR_PX: f32 = 32.0;
 
-    /// The same where tapes alone ask, at the outline and beside it: a fifth of the work
+    /// Reach for tapes, which sample only close to the outline: a fifth of the work
     pub const NEAR_PX: f32 = 4.0;
 
-    /// The map of a silhouette's coverage, 0 to 1
+    /// Computes the map of a silhouette's coverage, 0 to 1
     ///
-    /// Larger distances than `reach_px`, at least [`Self::NEAR_PX`], are given as this one. NaN counts as outside.
+    /// Distances are clamped to `reach_px`, which is at least [`Self::NEAR_PX`]. NaN counts as outside.
     pub fn new(silhouette: &Grid<f32>, reach_px: f32) -> Self {
         let (width, height) = (silhouette.width(), silhouette.height());
         let Some((x0, y0, x1, y1)) = silhouette.bounding_box_where(|&v| v >= Self::LEVEL) else {
@@ -85,20 +85,20 @@ impl OutlineMap {
         self.size
     }
 
-    /// Whether the silhouette shows nobody
+    /// Whether the silhouette has no pixels inside
     pub fn is_empty(&self) -> bool {
         self.person.is_none()
     }
 
-    /// Whether the person is cut off by the border of the photo
+    /// Whether the border of the photo cuts off the person
     pub fn is_cut(&self) -> bool {
         self.cut
     }
 
-    /// Signed distance at a photo point, in px
+    /// Returns the signed distance at a photo point, in px
     ///
-    /// Beyond the border of the map, where the photo cuts the silhouette off, border values go on as the silhouette
-    /// does; elsewhere the value is positive, and no larger than the distance.
+    /// Beyond the map, on sides where the photo cuts off the silhouette, border values are extended; on other sides
+    /// the value is positive and no larger than the distance.
     #[inline]
     pub fn at(&self, u: f64, v: f64) -> f64 {
         let (x, y) = (u - self.first.x, v - self.first.y);
@@ -108,7 +108,7 @@ impl OutlineMap {
         self.beyond(u, v)
     }
 
-    /// The value at a photo point off the map
+    /// Returns the value at a photo point outside the map
     #[cold]
     fn beyond(&self, u: f64, v: f64) -> f64 {
         let (x, y) = (u - self.first.x, v - self.first.y);
@@ -126,13 +126,13 @@ impl OutlineMap {
         at_border.max(p.distance(p.clamp(low, high)))
     }
 
-    /// The value at a place of the map, in px from its first pixel center
+    /// Returns the value at a point of the map, in px from its first pixel center
     #[inline]
     fn within(&self, x: f64, y: f64) -> f64 {
         let width = self.distances.width();
         let (column, row) = (x as usize, y as usize);
         let (fx, fy) = (x - column as f64, y - row as f64);
-        // The map has at least two columns and rows: the cell right and below exists.
+        // The map has at least two columns and rows, so the cell to the right and below exists.
         let start = row * width + column;
         let cell = &self.distances.as_slice()[start..start + width + 2];
         let mix = |a: f32, b: f32| f64::from(a) + (f64::from(b) - f64::from(a)) * fx;
@@ -141,7 +141,7 @@ impl OutlineMap {
     }
 }
 
-/// Repeats the only column or row, so that there is a cell to interpolate in
+/// Duplicates a single column or row, so that there is a cell to interpolate in
 fn at_least_two_wide(map: Grid<f32>) -> Grid<f32> {
     let (width, height) = (map.width(), map.height());
     if width > 1 && height > 1 {
@@ -152,17 +152,17 @@ fn at_least_two_wide(map: Grid<f32>) -> Grid<f32> {
     })
 }
 
-/// A part of a silhouette, smoothed by the weights 1 2 1 along both axes; NaN counts as outside
+/// Smooths a part of a silhouette with the weights 1 2 1 along both axes; NaN counts as outside
 ///
-/// Straight edges keep their place. Interpolation between pixels of sharp coverage is up to 0.09 px
-/// off, after smoothing up to 0.04; stairs of binary masks shrink likewise.
+/// Straight edges do not move. Interpolation between pixels of sharp coverage is off by up to 0.09 px, after
+/// smoothing by up to 0.04; stairs of binary masks shrink likewise.
 fn smooth(
     soft: &Grid<f32>,
     (x0, y0): (usize, usize),
     (width, height): (usize, usize),
 ) -> Grid<f32> {
     let mut out = Grid::filled(width, height, 0.0);
-    // The row with its ends repeated, and the smoothed rows above, at and below the one that is made
+    // The row with its ends repeated, and the smoothed rows above, at and below the current one
     let mut clean = vec![0.0; width + 2];
     let mut rows = [(); 3].map(|()| vec![0.0; width]);
     let mut across = |y: usize, row: &mut [f32]| {
@@ -189,7 +189,7 @@ fn smooth(
     out
 }
 
-/// Distance from each pixel center to the outline, in px; infinite where it is farther than [`EXACT_PX`]
+/// Computes the distance from each pixel center to the outline, in px; infinite beyond [`EXACT_PX`]
 fn distances_to_outline(soft: &Grid<f32>) -> Grid<f32> {
     let (width, height) = (soft.width(), soft.height());
     let mut distances = Grid::filled(width, height, f32::INFINITY);
@@ -198,7 +198,7 @@ fn distances_to_outline(soft: &Grid<f32>) -> Grid<f32> {
         p.cmpge(DVec2::splat(0.5)).all() && p.cmple(size - 0.5).all()
     };
     for contour in trace_outline(soft, OutlineMap::LEVEL) {
-        // Sides along the border of the photo are no outline of the person.
+        // Edges along the border of the photo do not belong to the person's outline.
         for [a, b] in contour.edges().filter(|&[a, b]| within(a) && within(b)) {
             let lo = (a.min(b) - 0.5 - EXACT_PX).ceil().max(DVec2::ZERO);
             let hi = (a.max(b) - 0.5 + EXACT_PX).floor();
@@ -221,9 +221,9 @@ fn distances_to_outline(soft: &Grid<f32>) -> Grid<f32> {
     distances
 }
 
-/// Gives distances their sign, and takes those that are not known exactly from the map of whole pixels
+/// Adds signs to distances, and fills in those beyond the exact range from the pixel distance map
 fn blend_far(distances: &mut Grid<f32>, mask: &Mask, reach_px: f32) {
-    /// What whole pixels can be wrong by: half a pixel and its diagonal
+    /// Error bound of pixel distances: half a pixel and its diagonal
     const SLACK_PX: f32 = 0.75;
     let whole = signed_distance_within(mask, reach_px);
     for (distance, &whole) in distances.as_mut_slice().iter_mut().zip(whole.as_slice()) {
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn far_distances_have_the_right_sign_and_are_never_too_large() {
+    fn far_distances_have_the_right_sign_and_are_lower_bounds() {
         let center = DVec2::new(40.0, 40.0);
         let map = OutlineMap::new(&disc(center, 20.0, 200), OutlineMap::FAR_PX);
         for (p, distance) in [
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_silhouette_goes_on_beyond_the_border() {
+    fn a_cut_silhouette_is_extended_beyond_the_border() {
         let map = OutlineMap::new(&disc(DVec2::new(5.0, 40.0), 20.0, 80), OutlineMap::FAR_PX);
         assert!(map.cut);
         assert!(map.at(0.5, 40.0) < -10.0);
@@ -300,7 +300,7 @@ mod tests {
         let full = OutlineMap::new(&Grid::filled(1, 1, 1.0), OutlineMap::FAR_PX);
         assert!(!full.is_empty() && full.is_cut());
         assert!(full.at(0.5, 0.5) < 0.0 && full.at(10.0, -10.0) < 0.0);
-        // One lone pixel vanishes by smoothing, but its map is still sound.
+        // A single pixel vanishes in the smoothing, but its map is valid.
         let mut lone = Grid::filled(9, 9, 0.0);
         lone[(4, 4)] = 1.0;
         let lone = OutlineMap::new(&lone, OutlineMap::FAR_PX);

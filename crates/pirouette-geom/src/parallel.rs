@@ -1,9 +1,9 @@
 //! Parallel iterators: those of rayon, or serial ones of the same names without the feature `parallel`.
 //!
-//! Call sites import [`prelude`] and are written once. Both builds give equal results: a parallel sum of floats, whose
-//! order of additions is not fixed, has no place in these crates.
+//! Call sites import [`prelude`] and serve both builds. Both give equal results: these crates avoid parallel sums of
+//! floats, whose order of additions is not fixed.
 //!
-//! Not part of the stable interface: for the crates of this workspace only.
+//! Not part of the stable interface: only for the crates of this workspace.
 //!
 //! # Examples
 //! ```

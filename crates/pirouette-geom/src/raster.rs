@@ -1,4 +1,4 @@
-//! Rasters: a plain row-major grid of values, and the binary mask.
+//! Rasters: a row-major grid of values, and the binary mask.
 
 use std::fmt;
 
@@ -48,32 +48,32 @@ impl<T> Grid<T> {
         }
     }
 
-    /// Columns
+    /// Returns the number of columns
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows
+    /// Returns the number of rows
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// All values, row by row
+    /// Returns all values, row by row
     pub fn as_slice(&self) -> &[T] {
         &self.data
     }
 
-    /// All values, row by row
+    /// Returns all values, row by row
     pub fn as_mut_slice(&mut self) -> &mut [T] {
         &mut self.data
     }
 
-    /// The row-major values themselves
+    /// Returns the row-major values
     pub fn into_vec(self) -> Vec<T> {
         self.data
     }
 
-    /// One row
+    /// Returns one row
     ///
     /// # Panics
     /// When `y` is not below the height.
@@ -81,7 +81,7 @@ impl<T> Grid<T> {
         &self.data[y * self.width..(y + 1) * self.width]
     }
 
-    /// One row
+    /// Returns one row
     ///
     /// # Panics
     /// When `y` is not below the height.
@@ -89,13 +89,13 @@ impl<T> Grid<T> {
         &mut self.data[y * self.width..(y + 1) * self.width]
     }
 
-    /// The value at a pixel, `None` outside; takes signed coordinates so that neighbors need no care
+    /// Returns the value at a pixel, `None` outside; takes signed coordinates, which simplifies access to neighbors
     pub fn get(&self, x: isize, y: isize) -> Option<&T> {
         let inside = x >= 0 && y >= 0 && (x as usize) < self.width && (y as usize) < self.height;
         inside.then(|| &self.data[y as usize * self.width + x as usize])
     }
 
-    /// A grid of the same size with every value mapped
+    /// Returns a grid of the same size with every value mapped
     pub fn map<U>(&self, value: impl FnMut(&T) -> U) -> Grid<U> {
         Grid {
             width: self.width,
@@ -111,7 +111,7 @@ impl<T> Grid<T> {
 }
 
 impl<T: Clone> Grid<T> {
-    /// A grid of one value
+    /// Creates a grid of one value
     pub fn filled(width: usize, height: usize, value: T) -> Self {
         Self {
             width,
@@ -120,7 +120,7 @@ impl<T: Clone> Grid<T> {
         }
     }
 
-    /// The part that starts at column `x0` and row `y0`
+    /// Returns the part that starts at column `x0` and row `y0`
     ///
     /// # Panics
     /// When the part reaches beyond the grid.
@@ -144,7 +144,7 @@ impl<T: Clone> Grid<T> {
 impl<T> std::ops::Index<(usize, usize)> for Grid<T> {
     type Output = T;
 
-    /// The value at `(column, row)`
+    /// Returns the value at `(column, row)`
     fn index(&self, (x, y): (usize, usize)) -> &T {
         debug_assert!(x < self.width);
         &self.data[y * self.width + x]
@@ -159,7 +159,7 @@ impl<T> std::ops::IndexMut<(usize, usize)> for Grid<T> {
 }
 
 impl Mask {
-    /// Reads a drawing: rows split by white space, `#` is inside, anything else outside
+    /// Parses a drawing: rows separated by white space, `#` is inside, anything else outside
     ///
     /// ```
     /// use pirouette_geom::Mask;
@@ -189,17 +189,17 @@ impl Mask {
         art
     }
 
-    /// Number of pixels inside
+    /// Returns the number of pixels inside
     pub fn area(&self) -> usize {
         self.data.iter().filter(|&&v| v).count()
     }
 
-    /// Intersection over union with another mask of the same size; 1 for two empty masks
+    /// Returns the intersection over union with another mask of the same size; 1 for two empty masks
     ///
     /// # Panics
     /// When the sizes differ.
     pub fn iou(&self, other: &Mask) -> f64 {
-        assert!(self.same_size(other), "masks of one size");
+        assert!(self.same_size(other), "the masks have the same size");
         let (mut both, mut either) = (0usize, 0usize);
         for (&a, &b) in self.data.iter().zip(&other.data) {
             both += usize::from(a && b);
@@ -212,14 +212,14 @@ impl Mask {
         }
     }
 
-    /// Smallest box that holds the inside, as `(x0, y0, x1, y1)` with exclusive ends
+    /// Returns the bounding box of the inside, as `(x0, y0, x1, y1)` with exclusive ends
     pub fn bounding_box(&self) -> Option<(usize, usize, usize, usize)> {
         self.bounding_box_where(|&inside| inside)
     }
 }
 
 impl<T> Grid<T> {
-    /// Smallest box that holds the values for which `inside` is true, as `(x0, y0, x1, y1)` with exclusive ends
+    /// Returns the bounding box of the values for which `inside` is true, as `(x0, y0, x1, y1)` with exclusive ends
     pub fn bounding_box_where(
         &self,
         inside: impl Fn(&T) -> bool,
@@ -227,7 +227,7 @@ impl<T> Grid<T> {
         let mut bounds: Option<(usize, usize, usize, usize)> = None;
         for y in 0..self.height {
             let row = self.row(y);
-            // whole rows and stretches at a time: most of them are empty
+            // full rows and chunks at a time: most of them are empty
             let any = |pixels: &[T]| pixels.iter().fold(false, |any, v| any | inside(v));
             if !any(row) {
                 continue;
@@ -250,13 +250,13 @@ impl<T> Grid<T> {
 }
 
 impl Grid<f32> {
-    /// The mask of values of at least `level`
+    /// Returns the mask of values of at least `level`
     pub fn threshold(&self, level: f32) -> Mask {
         self.map(|&v| v >= level)
     }
 }
 
-/// A raster that is zero all around a window, of which it keeps no more
+/// A raster that is zero outside of a window, of which only the window is stored
 ///
 /// A silhouette takes a third of its photo.
 #[derive(Debug, Clone, PartialEq)]
@@ -267,7 +267,7 @@ pub struct Windowed<T> {
 }
 
 impl<T: Clone + Default + PartialEq> Windowed<T> {
-    /// Keeps the values that are not zero, and a ring of zeros around them as far as the raster reaches
+    /// Stores the nonzero values, with a ring of zeros around them within the raster
     pub fn new(whole: &Grid<T>) -> Self {
         let zero = T::default();
         let size = (whole.width, whole.height);
@@ -282,27 +282,27 @@ impl<T: Clone + Default + PartialEq> Windowed<T> {
         }
     }
 
-    /// Columns of the whole raster
+    /// Returns the number of columns of the full raster
     pub fn width(&self) -> usize {
         self.size.0
     }
 
-    /// Rows of the whole raster
+    /// Returns the number of rows of the full raster
     pub fn height(&self) -> usize {
         self.size.1
     }
 
-    /// Column and row at which the window starts
+    /// Returns the column and row at which the window starts
     pub fn corner(&self) -> (usize, usize) {
         self.corner
     }
 
-    /// What is kept
+    /// Returns the stored window
     pub fn window(&self) -> &Grid<T> {
         &self.window
     }
 
-    /// The whole raster
+    /// Returns the full raster
     pub fn whole(&self) -> Grid<T> {
         let mut whole = Grid::filled(self.size.0, self.size.1, T::default());
         let (x0, y0) = self.corner;
@@ -320,8 +320,8 @@ impl<T: fmt::Debug> fmt::Debug for Grid<T> {
     }
 }
 
-/// How many pixels there are before the first that has not this value
-pub(crate) fn stretch(pixels: &[bool], value: bool) -> usize {
+/// Returns the number of pixels before the first with another value
+pub(crate) fn run_length(pixels: &[bool], value: bool) -> usize {
     let same = |part: &[bool]| part.iter().fold(true, |same, &v| same & (v == value));
     let blocks = pixels.as_chunks::<16>().0;
     let block = blocks.iter().position(|block| !same(block));
@@ -335,14 +335,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn art_goes_in_and_out() {
+    fn art_survives_a_round_trip() {
         let mask = Mask::from_art(".#. ###");
         assert_eq!(mask.to_art(), ".#.\n###\n");
         assert_eq!(mask.bounding_box(), Some((0, 0, 3, 2)));
     }
 
     #[test]
-    fn a_windowed_raster_is_whole_again() {
+    fn a_windowed_raster_survives_a_round_trip() {
         for art in ["..... ..#.. .##.. ..... .....", "#. ..", "... ...", ""] {
             let whole = Mask::from_art(art);
             let windowed = Windowed::new(&whole);

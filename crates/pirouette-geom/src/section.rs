@@ -1,4 +1,4 @@
-//! Plane sections of triangle meshes, convex hulls of them, and the length of a tape around them.
+//! Plane sections of triangle meshes, their convex hulls, and the length of a tape around them.
 
 use std::collections::HashMap;
 
@@ -6,14 +6,13 @@ use glam::{DVec2, DVec3};
 
 use crate::tri_mesh::TriMesh;
 
-/// Cuts a mesh by a plane: closed loops of points, in order
+/// Cuts a mesh by a plane and returns closed loops of points, in order
 ///
-/// The plane goes through `origin`, across `normal` (any length). Seen from the tip of the normal, loops run
-/// counter-clockwise around the solid, and clockwise around its hollows. A vertex on the plane counts as
-/// above it. Where the mesh is open, loops that do not close are dropped. No loops for a normal of zero.
-///
+/// The plane passes through `origin`, perpendicular to `normal` (of any length). Seen from the tip of the normal,
+/// loops run counter-clockwise around the solid and clockwise around its hollows. A vertex on the plane counts as
+/// above it. Loops that do not close, because the mesh is open, are dropped. Returns no loops for a zero normal.
 /// # Panics
-/// When a triangle names a vertex that does not exist.
+/// When a triangle refers to a vertex that does not exist.
 ///
 /// # Examples
 /// ```
@@ -37,8 +36,8 @@ pub fn plane_section(mesh: &TriMesh, origin: DVec3, normal: DVec3) -> Vec<Vec<DV
         .map(|p| (*p - origin).dot(normal))
         .collect();
     let above = |v: u32| heights[v as usize] >= 0.0;
-    // In every triangle that the plane cuts, the section runs from the side that goes down through the
-    // plane to the side that goes up; the next triangle goes down where this one goes up.
+    // In every cut triangle, the section runs from the side that descends through the plane to the side that
+    // ascends; the next triangle descends where this one ascends.
     let mut next: HashMap<[u32; 2], [u32; 2]> = HashMap::new();
     let mut starts = Vec::new();
     for &[a, b, c] in &mesh.triangles {
@@ -81,9 +80,9 @@ fn edge((a, b): (u32, u32)) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// The convex hull of points, counter-clockwise (x right, y up), without points on its sides
+/// Returns the convex hull of points, counter-clockwise (x right, y up), without points on its sides
 ///
-/// Points with a coordinate that is not finite are left out. One point or two for inputs without area.
+/// Points with a non-finite coordinate are ignored. Inputs without area give one or two points.
 ///
 /// # Source
 /// A. Andrew 1979, "Another efficient algorithm for convex hulls in two dimensions".
@@ -121,7 +120,7 @@ pub fn convex_hull(points: &[DVec2]) -> Vec<DVec2> {
     hull
 }
 
-/// Length of the closed polyline through points
+/// Returns the length of the closed polyline through points
 pub fn perimeter(points: &[DVec2]) -> f64 {
     let following = points.iter().cycle().skip(1);
     points
@@ -131,7 +130,7 @@ pub fn perimeter(points: &[DVec2]) -> f64 {
         .sum()
 }
 
-/// Unit normal of a closed loop: it runs counter-clockwise around its tip; `None` for a loop without area
+/// Returns the unit normal of a closed loop, counter-clockwise around its tip; `None` for a loop without area
 pub fn loop_normal(points: &[DVec3]) -> Option<DVec3> {
     let center = *points.first()?;
     let following = points.iter().skip(1).zip(points.iter().skip(2));
@@ -141,9 +140,9 @@ pub fn loop_normal(points: &[DVec3]) -> Option<DVec3> {
         .try_normalize()
 }
 
-/// Length of a taut tape around a closed loop: the perimeter of its convex hull
+/// Computes the length of a taut tape around a closed loop: the perimeter of its convex hull
 ///
-/// A loop that is not flat is measured in the plane in which its area is largest. Zero without area.
+/// A loop that is not planar is measured in the plane in which its area is largest. Zero without area.
 ///
 /// # Examples
 /// ```
@@ -213,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_through_vertices_and_edges_is_no_trouble() {
+    fn planes_through_vertices_and_edges_are_handled() {
         let octahedron = TriMesh {
             positions: vec![
                 DVec3::X,
@@ -262,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn hulls_of_almost_nothing() {
+    fn hulls_of_degenerate_inputs() {
         assert!(convex_hull(&[]).is_empty());
         assert!(convex_hull(&[DVec2::NAN]).is_empty());
         assert_eq!(convex_hull(&[DVec2::X; 3]), [DVec2::X]);
@@ -272,7 +271,7 @@ mod tests {
         assert!(tape_length(&[]).abs() < 1e-12);
     }
 
-    /// Points that lie on the hull: some line through them has all others on one side
+    /// Sums the sides of the hull: pairs of points whose line has all other points on one side
     fn convex_hull_reference(points: &[DVec2]) -> f64 {
         let mut length = 0.0;
         for a in points {
@@ -298,7 +297,7 @@ mod tests {
         }
 
         #[test]
-        fn a_rigid_motion_moves_the_section_along(
+        fn a_rigid_motion_moves_the_section(
             axis in prop::array::uniform3(-1.0..1.0f64),
             angle in -3.0..3.0f64,
             shift in prop::array::uniform3(-5.0..5.0f64),

@@ -1,7 +1,7 @@
-//! Sparse Cholesky factorization, kept for many solves; hides `faer`.
+//! Sparse Cholesky factorization for repeated solves; wraps `faer`.
 //!
-//! [`BlockSolver`] serves systems of points in space: its pattern is analyzed once, and factored again whenever
-//! the values change.
+//! [`BlockSolver`] solves systems of points in space: it analyzes the sparsity pattern once, and factorizes again
+//! whenever the values change.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
@@ -14,9 +14,9 @@ use faer::sparse::{SparseColMat, SparseColMatRef, SymbolicSparseColMat, Triplet}
 use faer::{Conj, Mat, Par, Side};
 use glam::{DMat3, DVec2, DVec3};
 
-/// Pivots below this share of the largest diagonal entry are rounding noise
+/// Pivots below this fraction of the largest diagonal entry are rounding noise
 ///
-/// The matrices here are positive definite by construction; a pivot that small comes from triangles that are
+/// The matrices here are positive definite by construction; such a small pivot comes from triangles that are
 /// degenerate beyond double precision.
 const SMALLEST_PIVOT: f64 = 1e-14;
 
@@ -27,16 +27,16 @@ pub(crate) struct Cholesky {
 }
 
 impl Cholesky {
-    /// Factors the `size` x `size` matrix with these entries `(row, column, value)` on and below the diagonal
+    /// Factorizes the `size` x `size` matrix with these entries `(row, column, value)` on and below the diagonal
     ///
-    /// Entries at the same place add up. `None` when memory runs out or a value is not a number.
+    /// Entries at the same position are summed. `None` when memory runs out or a value is NaN.
     pub(crate) fn factor(size: usize, lower: &[(usize, usize, f64)]) -> Option<Self> {
         let triplets: Vec<Triplet<usize, usize, f64>> = lower
             .iter()
             .map(|&(row, column, value)| Triplet::new(row, column, value))
             .collect();
         let matrix = SparseColMat::try_new_from_triplets(size, size, &triplets).ok()?;
-        // Simplicial: on meshes of this size the supernodal kind solves two to five times slower.
+        // Simplicial: on meshes of this size the supernodal variant solves two to five times slower.
         let parameters = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SIMPLICIAL,
             ..Default::default()
@@ -72,7 +72,7 @@ impl Cholesky {
         Some(Self { symbolic, values })
     }
 
-    /// Memory for [`Cholesky::solve_in_place`], to be used for many solves
+    /// Allocates the memory for [`Cholesky::solve_in_place`], reusable for many solves
     pub(crate) fn workspace(&self) -> Workspace {
         Workspace {
             memory: MemBuffer::new(self.symbolic.solve_in_place_scratch::<f64>(2, Par::Seq)),
@@ -80,7 +80,7 @@ impl Cholesky {
         }
     }
 
-    /// Replaces the right sides, one x and one y per row, by the solution
+    /// Replaces the right-hand sides, one x and one y per row, by the solution
     pub(crate) fn solve_in_place(&self, right: &mut [DVec2], workspace: &mut Workspace) {
         let Workspace { memory, columns } = workspace;
         for (i, p) in right.iter().enumerate() {
@@ -99,7 +99,7 @@ impl Cholesky {
     }
 }
 
-/// Buffers of the solves with one factor
+/// Buffers for the solves with one factor
 pub(crate) struct Workspace {
     memory: MemBuffer,
     columns: Mat<f64>,
@@ -107,11 +107,11 @@ pub(crate) struct Workspace {
 
 /// A symmetric positive definite matrix of 3x3 blocks with a fixed pattern, and its factor
 ///
-/// Row and column of a block belong to one point each; the unknowns of a point are its x, y and z.
+/// Each block row and column belongs to one point; the unknowns of a point are its x, y and z.
 pub struct BlockSolver {
-    /// When each point is eliminated: all that follows is in this order
+    /// Position of each point in the elimination order, which is the order of all fields below
     turns: Vec<u32>,
-    /// Point columns: blocks on and below the diagonal are `rows[first[c]..first[c + 1]]`, the diagonal's first
+    /// Columns of points: blocks on and below the diagonal are `rows[first[c]..first[c + 1]]`, the diagonal's first
     first: Vec<usize>,
     rows: Vec<u32>,
     blocks: Vec<DMat3>,
@@ -123,11 +123,11 @@ pub struct BlockSolver {
     right: Mat<f64>,
 }
 
-/// Where the block of two points lies in a [`BlockSolver`]
+/// Position of the block of two points in a [`BlockSolver`]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Place {
     at: u32,
-    /// Whether the point with the higher number is eliminated first, so that its block is kept transposed
+    /// Whether the point with the higher index is eliminated first, so that its block is stored transposed
     transposed: bool,
 }
 
@@ -141,7 +141,7 @@ impl std::fmt::Debug for BlockSolver {
     }
 }
 
-/// The lower triangle of a symmetric pattern by columns: where each begins, and its rows in ascending order
+/// Returns the lower triangle of a symmetric pattern by columns: column starts, and rows in ascending order
 fn columns_below(size: usize, mut pairs: Vec<[u32; 2]>) -> (Vec<usize>, Vec<u32>) {
     pairs.sort_unstable();
     pairs.dedup();
@@ -155,10 +155,10 @@ fn columns_below(size: usize, mut pairs: Vec<[u32; 2]>) -> (Vec<usize>, Vec<u32>
     (first, pairs.iter().map(|pair| pair[1]).collect())
 }
 
-/// When each point is eliminated, so that little is filled in; `None` when memory runs out
+/// Computes the position of each point in a fill-reducing elimination order; `None` when memory runs out
 ///
-/// Ordering the points takes a ninth of the entries that ordering their unknowns does.
-fn elimination_turns(first: &[usize], rows: &[u32]) -> Option<Vec<u32>> {
+/// Ordering points takes a ninth of the entries that ordering their unknowns does.
+fn elimination_order(first: &[usize], rows: &[u32]) -> Option<Vec<u32>> {
     let points = first.len() - 1;
     let rows: Vec<usize> = rows.iter().map(|&row| row as usize).collect();
     let scratch = amd::order_scratch::<usize>(points, rows.len());
@@ -176,7 +176,7 @@ fn elimination_turns(first: &[usize], rows: &[u32]) -> Option<Vec<u32>> {
     Some(turns.into_iter().map(|turn| turn as u32).collect())
 }
 
-/// The single entries of blocks on and below the diagonal of a column pattern
+/// Expands the blocks on and below the diagonal of a column pattern to scalar entries
 fn entry_pattern(first: &[usize], rows: &[u32]) -> SymbolicSparseColMat<usize> {
     let points = first.len() - 1;
     let mut column_starts = vec![0usize];
@@ -195,16 +195,16 @@ fn entry_pattern(first: &[usize], rows: &[u32]) -> SymbolicSparseColMat<usize> {
 }
 
 impl BlockSolver {
-    /// Analyzes the pattern: `pairs` names the points that share a block, in any order, repeats allowed
+    /// Analyzes the pattern: `pairs` lists the points that share a block, in any order, repeats allowed
     ///
     /// `None` when memory runs out.
     ///
     /// # Panics
-    /// When a pair names a point that does not exist.
+    /// When a pair refers to a point that does not exist.
     pub fn new(points: usize, pairs: &[[u32; 2]]) -> Option<Self> {
         assert!(
             pairs.iter().flatten().all(|&p| (p as usize) < points),
-            "pairs name existing points"
+            "pairs refer to existing points"
         );
         let below = |number: &dyn Fn(u32) -> u32| {
             let own = (0..points as u32).map(|p| [p, p]);
@@ -213,10 +213,10 @@ impl BlockSolver {
             columns_below(points, numbers.map(|[a, b]| [a.min(b), a.max(b)]).collect())
         };
         let (first, rows) = below(&|p| p);
-        let turns = elimination_turns(&first, &rows)?;
+        let turns = elimination_order(&first, &rows)?;
         let (first, rows) = below(&|p| turns[p as usize]);
         let matrix = entry_pattern(&first, &rows);
-        // As the points are in order, analysis wants the upper triangle, factorization the lower one.
+        // With the points in order, the analysis needs the upper triangle, the factorization the lower one.
         let above = matrix.as_ref().transpose().to_col_major().ok()?;
         let symbolic = factorize_symbolic_cholesky(
             above.as_ref(),
@@ -246,7 +246,7 @@ impl BlockSolver {
         self.blocks.fill(DMat3::ZERO);
     }
 
-    /// The place of the block of two points, for [`BlockSolver::add_at`]; `None` when it is not in the pattern
+    /// Returns the place of the block of two points, for [`BlockSolver::add_at`]; `None` if it is not in the pattern
     ///
     /// # Panics
     /// When a point does not exist.
@@ -265,10 +265,10 @@ impl BlockSolver {
 
     /// Adds to the block at a [`BlockSolver::place`]
     ///
-    /// The block's row belongs to the point with the higher number; a block on the diagonal must be symmetric.
+    /// The block's row belongs to the point with the higher index; a block on the diagonal must be symmetric.
     ///
     /// # Panics
-    /// When there is no such place.
+    /// When the place does not exist.
     pub fn add_at(&mut self, place: Place, block: DMat3) {
         self.blocks[place.at as usize] += if place.transposed {
             block.transpose()
@@ -277,13 +277,13 @@ impl BlockSolver {
         };
     }
 
-    /// Factors the matrix and replaces the right side by the solution
+    /// Factorizes the matrix and replaces the right-hand side by the solution
     ///
-    /// `false` when the matrix is not positive definite or a value is not a number; the right side is then as
-    /// it was.
+    /// Returns `false` when the matrix is not positive definite or a value is NaN, and then leaves the right-hand
+    /// side unchanged.
     ///
     /// # Panics
-    /// When `right` has not one vector per point.
+    /// When `right` does not hold one vector per point.
     pub fn solve(&mut self, right: &mut [DVec3]) -> bool {
         assert_eq!(right.len() + 1, self.first.len(), "one vector per point");
         self.fill_entries();
@@ -323,7 +323,7 @@ impl BlockSolver {
         true
     }
 
-    /// Writes the blocks as columns of single entries
+    /// Writes the blocks as columns of scalar entries
     fn fill_entries(&mut self) {
         let mut slots = self.entries.iter_mut();
         for c in 0..self.first.len() - 1 {
@@ -374,7 +374,7 @@ mod tests {
 
     #[test]
     fn blocks_solve_like_the_dense_matrix() {
-        // A chain of five points, each held, neighbors coupled by a block that is not symmetric
+        // A chain of five points, each anchored; neighbors are coupled by a block that is not symmetric
         let coupling = DMat3::from_cols(
             DVec3::new(1.0, 0.5, 0.0),
             DVec3::new(-0.25, 1.0, 0.5),

@@ -1,4 +1,4 @@
-//! Indexed triangle meshes in space: normals, volume, adjacency, checks.
+//! Indexed triangle meshes in space: normals, volume, adjacency, validation.
 
 use std::cmp::Reverse;
 use std::collections::HashMap;
@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use crate::triangle_sides::sides_by_edge;
 
-/// An indexed triangle mesh; counter-clockwise triangles seen from outside
+/// An indexed triangle mesh; triangles are counter-clockwise seen from outside
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TriMesh {
     /// One point per vertex
@@ -17,10 +17,10 @@ pub struct TriMesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Why a mesh is not the closed, manifold, outward oriented surface of a solid
+/// Reason why a mesh is not the closed, manifold, outward oriented surface of a solid
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum MeshDefect {
-    /// There is no surface at all
+    /// The mesh has no triangles
     #[error("the mesh has no triangles")]
     Empty,
     /// A coordinate is NaN or infinite
@@ -29,25 +29,25 @@ pub enum MeshDefect {
         /// The vertex
         vertex: u32,
     },
-    /// A triangle names a vertex that does not exist
-    #[error("triangle {triangle} names vertex {vertex}, but there are only {vertex_count}")]
+    /// A triangle refers to a vertex that does not exist
+    #[error("triangle {triangle} refers to vertex {vertex}, but there are only {vertex_count}")]
     MissingVertex {
         /// The triangle
         triangle: usize,
-        /// The vertex it names
+        /// The vertex it refers to
         vertex: u32,
-        /// How many vertices there are
+        /// Number of vertices of the mesh
         vertex_count: usize,
     },
-    /// A triangle names one vertex twice
-    #[error("triangle {triangle} names vertex {vertex} twice")]
+    /// A triangle refers to one vertex twice
+    #[error("triangle {triangle} refers to vertex {vertex} twice")]
     RepeatedVertex {
         /// The triangle
         triangle: usize,
         /// The vertex
         vertex: u32,
     },
-    /// A vertex is part of no triangle
+    /// A vertex belongs to no triangle
     #[error("vertex {vertex} belongs to no triangle")]
     UnusedVertex {
         /// The vertex
@@ -61,8 +61,8 @@ pub enum MeshDefect {
         /// End of the edge in its triangle
         to: u32,
     },
-    /// More than two triangles meet in an edge, or two of them run along it in the same direction
-    #[error("several triangles run along the edge from vertex {from} to {to} in this direction")]
+    /// More than two triangles share an edge, or two of them use it in the same direction
+    #[error("several triangles use the edge from vertex {from} to {to} in this direction")]
     CrowdedEdge {
         /// Start of the edge
         from: u32,
@@ -84,7 +84,7 @@ pub enum MeshDefect {
 }
 
 impl TriMesh {
-    /// The corners of a triangle
+    /// Returns the corners of a triangle
     ///
     /// # Panics
     /// When the triangle or one of its vertices does not exist.
@@ -92,7 +92,7 @@ impl TriMesh {
         self.triangles[triangle].map(|v| self.positions[v as usize])
     }
 
-    /// Signed volume, positive for a closed mesh whose triangles face outward
+    /// Returns the signed volume, positive for a closed mesh whose triangles face outward
     pub fn volume(&self) -> f64 {
         (0..self.triangles.len())
             .map(|t| {
@@ -102,7 +102,7 @@ impl TriMesh {
             .sum()
     }
 
-    /// Center of mass of the volume within a closed mesh, `None` without volume
+    /// Returns the center of mass of the volume within a closed mesh, `None` without volume
     pub fn center_of_mass(&self) -> Option<DVec3> {
         let (mut volume, mut moment) = (0.0, DVec3::ZERO);
         for [a, b, c] in (0..self.triangles.len()).map(|t| self.corners(t)) {
@@ -114,7 +114,7 @@ impl TriMesh {
         (volume != 0.0).then(|| moment / volume)
     }
 
-    /// Area of all triangles
+    /// Returns the total area of the triangles
     pub fn area(&self) -> f64 {
         (0..self.triangles.len())
             .map(|t| {
@@ -124,7 +124,7 @@ impl TriMesh {
             .sum()
     }
 
-    /// Area-weighted unit normals, one per vertex; zero where a vertex has no area around it
+    /// Computes area-weighted unit normals, one per vertex; zero where the surrounding area is zero
     pub fn vertex_normals(&self) -> Vec<DVec3> {
         let mut normals = vec![DVec3::ZERO; self.positions.len()];
         for (t, triangle) in self.triangles.iter().enumerate() {
@@ -140,7 +140,7 @@ impl TriMesh {
         normals
     }
 
-    /// Smallest and largest coordinates, `None` without vertices
+    /// Returns the smallest and largest coordinates, `None` without vertices
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         let first = *self.positions.first()?;
         Some(
@@ -150,7 +150,7 @@ impl TriMesh {
         )
     }
 
-    /// All edges once, each with its smaller vertex first, in ascending order
+    /// Returns each edge once, with its smaller vertex first, in ascending order
     pub fn edges(&self) -> Vec<[u32; 2]> {
         let mut edges: Vec<[u32; 2]> = self
             .triangles
@@ -163,9 +163,9 @@ impl TriMesh {
         edges
     }
 
-    /// The triangle across each side: side `k` runs from corner `k` to corner `k + 1`
+    /// Returns the triangle across each side: side `k` runs from corner `k` to corner `k + 1`
     ///
-    /// `None` where the mesh is open, or where other than two triangles with opposite directions meet.
+    /// `None` unless exactly two triangles with opposite directions share the edge.
     pub fn neighbors(&self) -> Vec<[Option<u32>; 3]> {
         let sides = sides_by_edge(&self.triangles);
         let mut neighbors = vec![[None; 3]; self.triangles.len()];
@@ -183,8 +183,8 @@ impl TriMesh {
     /// Checks that the mesh is the closed, manifold, outward oriented surface of a solid
     ///
     /// Every vertex is finite, used, and surrounded by one fan of triangles; every edge belongs to two
-    /// triangles that run along it in opposite directions; the signed volume is positive. Triangles that
-    /// cross each other in space are not looked for.
+    /// triangles that use it in opposite directions; the signed volume is positive. Self-intersections are
+    /// not checked.
     ///
     /// # Errors
     /// The first [`MeshDefect`] found.
@@ -235,7 +235,7 @@ impl TriMesh {
         }
     }
 
-    /// Walks around every vertex of a mesh whose edges are sound
+    /// Checks the fan of every vertex of a mesh whose edges are valid
     fn check_fans(&self, triangle_counts: &[u32]) -> Result<(), MeshDefect> {
         let neighbors = self.neighbors();
         let mut visited = vec![false; self.positions.len()];
@@ -247,7 +247,7 @@ impl TriMesh {
                 let (mut triangle, mut side, mut fan) = (start, corner, 0u32);
                 loop {
                     fan += 1;
-                    // Across the side that leaves the vertex lies the next triangle of the fan.
+                    // The next triangle of the fan lies across the side that starts at the vertex.
                     let Some(next) = neighbors[triangle][side] else {
                         break;
                     };
@@ -269,17 +269,17 @@ impl TriMesh {
         Ok(())
     }
 
-    /// A coarser mesh to look at: vertices that share a cube of a grid become one at their mean
+    /// Returns a coarser mesh for display: the vertices in each cell of a grid are merged at their mean
     ///
-    /// Triangles that shrink to an edge or a point go. Along every edge of a closed mesh as many triangles run one way as
-    /// the other, here as before; the mesh may touch itself where the first one did not. A vertex that is not
-    /// finite stays alone.
+    /// Triangles that collapse to an edge or a point are removed. Every edge of a closed mesh is still used equally
+    /// often in both directions; the mesh may touch itself where the original did not. Non-finite vertices are not
+    /// merged.
     ///
     /// # Source
     /// J. Rossignac, P. Borrel, 1993, Multi-resolution 3D approximations for rendering complex scenes.
     ///
     /// # Panics
-    /// When `cell_size` is not positive, or a triangle names a vertex that does not exist.
+    /// When `cell_size` is not positive, or a triangle refers to a vertex that does not exist.
     pub fn clustered(&self, cell_size: f64) -> TriMesh {
         assert!(cell_size > 0.0, "cells of size {cell_size}");
         let mut cluster_of_cell: HashMap<[i64; 3], u32, FixedState> = HashMap::default();
@@ -318,10 +318,10 @@ impl TriMesh {
 
     /// Splits the mesh into its connected components, largest absolute volume first
     ///
-    /// Triangles are connected by shared vertices. Vertices keep their order; unused ones are dropped.
+    /// Triangles are connected by shared vertices. Vertices keep their order; unused ones are removed.
     ///
     /// # Panics
-    /// When a triangle names a vertex that does not exist.
+    /// When a triangle refers to a vertex that does not exist.
     pub fn components(&self) -> Vec<TriMesh> {
         let roots = self.roots();
         let mut component_of_root = vec![u32::MAX; self.positions.len()];
@@ -348,13 +348,13 @@ impl TriMesh {
                 .push(triangle.map(|v| new_index[v as usize]));
         }
         components.sort_by_cached_key(|component| {
-            // positive floats order like their bits
+            // positive floats are ordered like their bits
             Reverse(component.volume().abs().to_bits())
         });
         components
     }
 
-    /// For each vertex the first of those that it is connected with
+    /// Returns the first vertex of the connected component of each vertex
     fn roots(&self) -> Vec<u32> {
         let mut parents: Vec<u32> = (0..self.positions.len() as u32).collect();
         for &[a, b, c] in &self.triangles {
@@ -363,23 +363,23 @@ impl TriMesh {
                 parents[ra.max(rb) as usize] = ra.min(rb);
             }
         }
-        // Parents come first, so that theirs are roots by now.
+        // Parents precede their children, so they are roots already.
         for v in 0..parents.len() {
             parents[v] = parents[parents[v] as usize];
         }
         parents
     }
 
-    /// The connected component with the largest absolute volume; empty for a mesh without triangles
+    /// Returns the connected component with the largest absolute volume; empty for a mesh without triangles
     ///
     /// # Panics
-    /// When a triangle names a vertex that does not exist.
+    /// When a triangle refers to a vertex that does not exist.
     pub fn largest_component(mut self) -> TriMesh {
         let roots = self.roots();
         if !self.triangles.is_empty() && roots.iter().all(|&root| root == 0) {
             return self;
         }
-        // By root; those of unused vertices have none
+        // Indexed by root; `None` for unused vertices
         let mut volumes = vec![None; self.positions.len()];
         for (t, triangle) in self.triangles.iter().enumerate() {
             let [a, b, c] = self.corners(t);
@@ -416,7 +416,7 @@ fn sides(triangle: &[u32; 3]) -> impl Iterator<Item = (u32, u32)> + use<> {
     [(a, b), (b, c), (c, a)].into_iter()
 }
 
-/// Root of a union-find tree, halving the path on the way
+/// Returns the root of a union-find tree, with path halving
 fn find_root(parents: &mut [u32], mut v: u32) -> u32 {
     while parents[v as usize] != v {
         let grandparent = parents[parents[v as usize] as usize];

@@ -1,20 +1,20 @@
-//! The sides of triangles, put together by edges.
+//! The sides of triangles, grouped by edges.
 
 /// One side of one triangle
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TriangleSide {
-    /// Vertex where the side begins, as the triangle runs around
+    /// Start vertex, in the direction of the triangle
     pub from: u32,
-    /// Vertex where it ends
+    /// End vertex
     pub to: u32,
     /// Index of the triangle
     pub triangle: u32,
-    /// Which of its sides, 0 to 2; side `k` begins at corner `k`
+    /// Index of the side, 0 to 2; side `k` starts at corner `k`
     pub side: u32,
 }
 
 impl TriangleSide {
-    /// Both vertices, the lower one first
+    /// Returns both vertices, the lower one first
     pub fn edge(&self) -> [u32; 2] {
         [self.from.min(self.to), self.from.max(self.to)]
     }
@@ -25,9 +25,9 @@ impl TriangleSide {
     }
 }
 
-/// All sides in ascending order of edge, triangle and side
+/// Returns all sides in ascending order of edge, triangle and side
 ///
-/// Sorted by buckets: linear in the number of triangles as long as few triangles meet in each vertex.
+/// Bucket sort: linear in the number of triangles if few triangles meet at each vertex.
 pub fn sides_by_edge(triangles: &[[u32; 3]]) -> Vec<TriangleSide> {
     let sides = || {
         triangles.iter().zip(0..).flat_map(|(corners, triangle)| {
@@ -41,7 +41,7 @@ pub fn sides_by_edge(triangles: &[[u32; 3]]) -> Vec<TriangleSide> {
     };
     let lowest = |side: &TriangleSide| side.edge()[0] as usize;
     let count = sides().map(|s| lowest(&s) + 1).max().unwrap_or(0);
-    // Names of vertices that cannot all exist would make more buckets than there are sides.
+    // Indices of vertices that cannot all exist would make more buckets than there are sides.
     if count > 8 * triangles.len() + 1024 {
         let mut sorted: Vec<TriangleSide> = sides().collect();
         sorted.sort_by_key(|side| side.edge());
@@ -65,7 +65,7 @@ pub fn sides_by_edge(triangles: &[[u32; 3]]) -> Vec<TriangleSide> {
         *place += 1;
     }
     for ends in first.windows(2) {
-        // stable: within an edge, sides stay in the order of triangles
+        // stable: within an edge, sides keep the order of triangles
         sorted[ends[0] as usize..ends[1] as usize].sort_by_key(|side| side.edge()[1]);
     }
     sorted

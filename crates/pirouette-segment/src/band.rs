@@ -1,4 +1,4 @@
-//! The cut through the undecided band of one photo.
+//! Graph cut of the undecided band of one photo.
 
 use std::ops::Range;
 
@@ -8,31 +8,31 @@ use crate::links::{Contrast, LinkRows, RowLinks};
 use crate::max_flow::{DIRECTIONS, GridCut};
 use crate::seeds::{Seed, Window};
 
-/// Capacity of one unit of energy; whole numbers make the cut exact
+/// Capacity of one unit of energy; integers make the cut exact
 const CAPACITY_SCALE: f32 = 256.0;
 
-/// Energies beyond this are as good as certain, and capacities stay far from overflow
+/// Larger energies are clamped: they are practically certain, and capacities stay far from overflow
 const MAX_ENERGY: f32 = 50_000.0;
 
-/// The undecided pixels of one photo, linked by how much neighbors look alike
+/// Graph of the undecided pixels of one photo, with neighbors linked by color similarity
 ///
-/// Everything works on the box of the undecided pixels. The links are made once; every
-/// [`BandCut::solve`] continues from the flow of the last one.
+/// Works on the bounding box of the undecided pixels. The links are computed once; every [`BandCut::solve`] continues
+/// from the flow of the previous one.
 #[derive(Debug)]
 pub struct BandCut {
     window: Option<Window>,
-    /// Undecided pixels in photo coordinates, in the order of the nodes
+    /// Undecided pixels in photo coordinates, in node order
     pixels: Vec<(u32, u32)>,
     cut: GridCut,
-    /// Data terms of the last cut, in capacity
+    /// Data terms of the previous cut, as capacities
     terminals: Vec<i32>,
 }
 
 impl BandCut {
     /// Links the undecided pixels of a photo
     ///
-    /// Neighbors `p`, `q` cost `smoothness / dist(p, q) * exp(-beta |I_p - I_q|^2)` when they are parted. With a
-    /// plate, contrast that the background shows too counts less.
+    /// Separating neighbors `p`, `q` costs `smoothness / dist(p, q) * exp(-beta |I_p - I_q|^2)`. With a clean plate,
+    /// contrast that the background also has is attenuated.
     ///
     /// # Panics
     /// When photo and seeds differ in size.
@@ -60,7 +60,7 @@ impl BandCut {
                     .map(|(x, _)| ((window.x0 + x) as u32, (window.y0 + y) as u32)),
             );
         }
-        link(
+        set_links(
             &mut cut,
             seeds,
             window,
@@ -74,18 +74,18 @@ impl BandCut {
         }
     }
 
-    /// Column and row of every undecided pixel, row by row
+    /// Returns column and row of every undecided pixel, row by row
     pub fn pixels(&self) -> &[(u32, u32)] {
         &self.pixels
     }
 
-    /// Labels the undecided pixels by the cheapest cut
+    /// Labels the undecided pixels by the minimum cut
     ///
-    /// `log_odds`: how much likelier each of [`BandCut::pixels`] is person than background, natural logarithm; what
-    /// is not a number counts as even.
+    /// `log_odds`: natural logarithm of the odds of person against background, one per [`BandCut::pixels`] entry; NaN
+    /// counts as even odds.
     ///
     /// # Panics
-    /// When there is not one value per undecided pixel.
+    /// When the number of values differs from that of undecided pixels.
     pub fn solve(&mut self, log_odds: &[f32]) {
         assert_eq!(
             log_odds.len(),
@@ -100,7 +100,7 @@ impl BandCut {
         self.cut.solve();
     }
 
-    /// The seeds with every undecided pixel decided by the last cut
+    /// Returns the seeds as a mask, with every undecided pixel decided by the last cut
     pub fn mask(&self, seeds: &Grid<Seed>) -> Mask {
         let mut mask = seeds.map(|seed| *seed == Seed::Person);
         for (node, &(x, y)) in self.pixels.iter().enumerate() {
@@ -109,13 +109,13 @@ impl BandCut {
         mask
     }
 
-    /// Whether there is anything to decide
+    /// Whether there are undecided pixels
     pub fn undecided(&self) -> bool {
         self.window.is_some()
     }
 }
 
-/// Stretches of two rows that hold all undecided pixels and those beside them; short gaps are not worth a new one
+/// Collects ranges of columns with all undecided pixels of two rows and their neighbors; short gaps are included
 fn linked_columns(row: &[Seed], below: &[Seed], columns: &mut Vec<Range<usize>>) {
     const GAP: usize = 16;
     columns.clear();
@@ -135,13 +135,13 @@ fn linked_columns(row: &[Seed], below: &[Seed], columns: &mut Vec<Range<usize>>)
 }
 
 fn capacity(energy: f32) -> i32 {
-    // a cast cuts off, and takes NaN to zero
+    // a cast truncates, and maps NaN to zero
     let scaled = energy.clamp(-MAX_ENERGY, MAX_ENERGY) * CAPACITY_SCALE;
     (scaled + 0.5_f32.copysign(scaled)) as i32
 }
 
-/// Gives every node its links: to undecided neighbors by themselves, to decided ones as terminal capacity
-fn link(cut: &mut GridCut, seeds: &Grid<Seed>, window: Window, mut rows: LinkRows) {
+/// Sets the links of every node: to undecided neighbors as edges, to decided ones as terminal capacity
+fn set_links(cut: &mut GridCut, seeds: &Grid<Seed>, window: Window, mut rows: LinkRows) {
     let mut above = RowLinks::new(window.width);
     let mut current = above.clone();
     let mut columns = Vec::new();
@@ -150,9 +150,9 @@ fn link(cut: &mut GridCut, seeds: &Grid<Seed>, window: Window, mut rows: LinkRow
         let row = window.row(seeds, y);
         let below = (y + 1 < window.height).then(|| window.row(seeds, y + 1));
         linked_columns(row, below.unwrap_or(row), &mut columns);
-        rows.read(&columns, &mut current);
+        rows.read_links(&columns, &mut current);
         for (x, _) in row.iter().enumerate().filter(|(_, seed)| seed.undecided()) {
-            // links begin at the first pixel of a pair; rows of links begin one before the pixels
+            // links start at the first pixel of a pair; rows of links have one entry before the first pixel
             let energies = [
                 current.right[x + 1],
                 current.right[x],
@@ -186,8 +186,8 @@ fn link(cut: &mut GridCut, seeds: &Grid<Seed>, window: Window, mut rows: LinkRow
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clean_plate::CleanPlate;
     use crate::links::contrast_scale;
-    use crate::plate::BackgroundPlate;
 
     fn seeds(art: &str) -> Grid<Seed> {
         let rows: Vec<&str> = art.split_whitespace().collect();
@@ -205,7 +205,7 @@ mod tests {
         Contrast {
             smoothness,
             beta: contrast_scale(photo, seeds),
-            plate: None,
+            clean_plate: None,
         }
     }
 
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_undecided_leaves_the_seeds() {
+    fn without_undecided_pixels_the_mask_equals_the_seeds() {
         let photo = Grid::filled(3, 1, [5; 3]);
         let seeds = seeds(".#.");
         let mut band = BandCut::new(&photo, &seeds, contrast(&photo, &seeds, 50.0));
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn strong_odds_win_over_smoothness_and_nan_is_even() {
+    fn strong_odds_override_smoothness_and_nan_is_even() {
         let photo = Grid::filled(5, 1, [5; 3]);
         let seeds = seeds("#---.");
         let mut band = BandCut::new(&photo, &seeds, contrast(&photo, &seeds, 1.0));
@@ -244,20 +244,20 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_of_the_plate_does_not_attract_the_cut() {
-        // the wall changes its color at column 4, the person's coat is a little darker up to column 2
+    fn an_edge_of_the_clean_plate_does_not_attract_the_cut() {
+        // the wall changes color at column 4, the person's coat is a little darker up to column 2
         let wall = |x: usize| if x < 4 { [200_u8; 3] } else { [90; 3] };
         let photo = Grid::from_fn(8, 4, |x, _| if x < 3 { [170; 3] } else { wall(x) });
         let empty = Grid::from_fn(8, 4, |x, _| wall(x));
         let all = Mask::filled(8, 4, true);
-        let plate = BackgroundPlate::estimate(&[(&empty, &all)], &Default::default()).unwrap();
+        let clean_plate = CleanPlate::estimate(&[(&empty, &all)], &Default::default()).unwrap();
         let seeds = seeds("#------. #------. #------. #------.");
-        let area = |plate| {
+        let area = |clean_plate| {
             let mut band = BandCut::new(
                 &photo,
                 &seeds,
                 Contrast {
-                    plate,
+                    clean_plate,
                     ..contrast(&photo, &seeds, 50.0)
                 },
             );
@@ -265,6 +265,6 @@ mod tests {
             band.mask(&seeds).area()
         };
         assert_eq!(area(None), 16);
-        assert_eq!(area(Some(&plate)), 12);
+        assert_eq!(area(Some(&clean_plate)), 12);
     }
 }

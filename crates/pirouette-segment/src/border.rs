@@ -1,19 +1,19 @@
-//! From a cut to a silhouette: crumbs removed, and the border at less than a pixel.
+//! From a cut to a silhouette: removal of small artifacts, and subpixel borders.
 
 use pirouette_geom::distance_map::signed_distance_within;
 use pirouette_geom::morphology::{dilate, erode, fill_holes_below, largest_component};
 use pirouette_geom::{Grid, Mask};
 
-use crate::plate::{BackgroundPlate, blur};
+use crate::clean_plate::{CleanPlate, blur};
 use crate::seeds::Window;
 
-/// Removes crumbs, hairs and islands from a mask; `scale` 1 is for a person of about 800 px
+/// Removes small components, hairs and islands from a mask; `scale` 1 is for a person of about 800 px
 ///
-/// Keeps what lies within `2 scale` px of where a disc of that radius fits, of that the largest component, and fills
-/// holes of fewer than `60 scale^2` px. Larger holes, between the legs or under an arm, stay open.
-pub fn clean(mask: &Mask, scale: f64) -> Mask {
+/// Keeps pixels within `2 scale` px of positions where a disc of that radius fits, then the largest component, and
+/// fills holes of fewer than `60 scale^2` px. Larger holes, between the legs or under an arm, remain open.
+pub fn clean_mask(mask: &Mask, scale: f64) -> Mask {
     const DISC_PX: f64 = 2.0;
-    let fill = |mask: &Mask| fill_crumbs(mask, scale);
+    let fill = |mask: &Mask| fill_small_holes(mask, scale);
     let Some(window) = Window::around(mask, (3.0 * DISC_PX * scale).ceil() as usize + 1) else {
         return mask.clone();
     };
@@ -22,7 +22,7 @@ pub fn clean(mask: &Mask, scale: f64) -> Mask {
     if core.bounding_box().is_none() {
         return fill(&largest_component(mask));
     }
-    // a disc around the eroded mask gives the opened one; twice its radius what is near that
+    // a disc around the eroded mask gives the opened one; twice its radius gives the pixels near that
     let near = dilate(&core, (2.0 * DISC_PX * scale).max(1.0));
     let kept: Vec<bool> = part
         .as_slice()
@@ -37,40 +37,39 @@ pub fn clean(mask: &Mask, scale: f64) -> Mask {
 }
 
 /// Fills holes of fewer than `60 scale^2` px
-fn fill_crumbs(mask: &Mask, scale: f64) -> Mask {
+fn fill_small_holes(mask: &Mask, scale: f64) -> Mask {
     const HOLE_PX: f64 = 60.0;
     fill_holes_below(mask, (HOLE_PX * scale * scale) as usize)
 }
 
-/// How much of each pixel is person, from the colors on both sides of a mask's border
+/// Estimates the fraction of person in each pixel from the colors on both sides of a mask's border
 ///
-/// A cut counts mixed pixels as person; here the share follows from where the pixel's color lies between the local
-/// color of the person and that of the background (the `plate` where there is one). Where the two look
-/// alike the cut decides. The 0.5 level of the result is the outline. `scale` 1 is for a person of about
-/// 800 px.
+/// A cut counts mixed pixels as person; here the fraction is interpolated from the pixel's color between the local
+/// color of the person and that of the background (of the `clean_plate` where available). Where the two are similar,
+/// the cut decides. The 0.5 level of the result is the outline. `scale` 1 is for a person of about 800 px.
 ///
 /// # Panics
 /// When photo and mask differ in size.
 pub fn soft_border(
     photo: &Grid<[u8; 3]>,
     mask: &Mask,
-    plate: Option<&BackgroundPlate>,
+    clean_plate: Option<&CleanPlate>,
     scale: f64,
 ) -> Grid<f32> {
-    assert!(photo.same_size(mask), "photo and mask of one size");
-    /// The border is looked for this far from the mask's, in px
+    assert!(photo.same_size(mask), "photo and mask have the same size");
+    /// Half width of the band around the mask's border, in px
     const BAND_PX: f32 = 3.0;
-    /// Pixels deeper than this show one side only, in px
+    /// Pixels deeper than this contain one side only, in px
     const PURE_PX: f32 = 2.0;
-    /// Reach of the local colors, in px
+    /// Standard deviation of the weights of local colors, in px
     const LOCAL_SIGMA_PX: f32 = 2.0;
-    /// Colors nearer than this cannot be unmixed, in levels
+    /// Minimum distance of two colors for unmixing, in levels
     const MIN_CONTRAST: f32 = 15.0;
-    /// Blur where colors do not help, and in the end, in px
+    /// Blur without contrast, and final blur, in px
     const HARD_BLUR_PX: f32 = 0.7;
     const FINAL_BLUR_PX: f32 = 0.6;
 
-    // below the scale 1 the blur of the camera does not shrink along
+    // below scale 1 the blur of the camera does not shrink
     let scale = scale.clamp(1.0, 4.0) as f32;
     let (band, pure) = (BAND_PX * scale, PURE_PX * scale);
     let reach = (3.0 * LOCAL_SIGMA_PX * scale).ceil() as usize;
@@ -97,7 +96,7 @@ pub fn soft_border(
                 continue;
             }
             part[(x, y)] = blurred[(x, y)];
-            let background = plate.and_then(|p| p.color(window.x0 + x, window.y0 + y));
+            let background = clean_plate.and_then(|p| p.color(window.x0 + x, window.y0 + y));
             let mut person = LocalMean::default();
             let mut behind = LocalMean::default();
             let rows = y.saturating_sub(reach)..(y + reach + 1).min(window.height);
@@ -138,15 +137,15 @@ pub fn soft_border(
     soft
 }
 
-/// Drops from a soft mask what hangs together with nothing: the mask of its largest part, without small holes, and
-/// the soft values up to `2 scale` px around it
-pub fn tidy_soft(soft: &mut Grid<f32>, scale: f64) -> Mask {
+/// Reduces a soft mask to its largest component, without small holes, and the soft values up to `2 scale` px around
+/// it; returns the mask of that component
+pub fn clean_soft_mask(soft: &mut Grid<f32>, scale: f64) -> Mask {
     const FRINGE_PX: f64 = 2.0;
     let hard = soft.threshold(0.5);
     let Some(window) = Window::around(&hard, (FRINGE_PX * scale).ceil() as usize + 1) else {
         return hard;
     };
-    let part = fill_crumbs(&largest_component(&window.crop(&hard)), scale);
+    let part = fill_small_holes(&largest_component(&window.crop(&hard)), scale);
     let near = dilate(&part, (FRINGE_PX * scale).max(1.5));
     let mut tidy = window.crop(soft);
     for ((value, &inside), &near) in tidy
@@ -161,7 +160,7 @@ pub fn tidy_soft(soft: &mut Grid<f32>, scale: f64) -> Mask {
             // filled holes
             *value = value.max(0.5);
         } else if *value >= 0.5 {
-            // another part that almost touches
+            // another component that almost touches
             *value = 0.499;
         }
     }
@@ -172,17 +171,17 @@ pub fn tidy_soft(soft: &mut Grid<f32>, scale: f64) -> Mask {
     mask
 }
 
-/// Finds the border of a mask again that was found in a smaller copy of the photo, and scaled up
+/// Refines the border of a mask that was computed on a smaller copy of the photo and scaled up
 ///
-/// As [`soft_border`] with the scale 1, from the photo alone: however large a photo is, its own blur is a pixel or two.
+/// Like [`soft_border`] with scale 1, from the photo alone: the blur of a photo of any size is a pixel or two.
 ///
 /// # Panics
 /// When photo and mask differ in size.
-pub fn sharpen(photo: &Grid<[u8; 3]>, mask: &Mask) -> Mask {
-    assert!(photo.same_size(mask), "photo and mask of one size");
-    /// Rows at once: what they take stays in the cache
+pub fn sharpen_mask(photo: &Grid<[u8; 3]>, mask: &Mask) -> Mask {
+    assert!(photo.same_size(mask), "photo and mask have the same size");
+    /// Rows per block, whose data fits into the cache
     const ROWS: usize = 64;
-    /// A border is found from what is this near to it, in px: its band, local colors beyond it, and blur
+    /// Reach of the input of a border pixel, in px: band, local colors beyond it, and blur
     const HALO: usize = 16;
     let (width, height) = (mask.width(), mask.height());
     let mut sharp = Mask::filled(width, height, false);
@@ -203,7 +202,7 @@ pub fn sharpen(photo: &Grid<[u8; 3]>, mask: &Mask) -> Mask {
             }
         }
     }
-    fill_crumbs(&largest_component(&sharp), 1.0)
+    fill_small_holes(&largest_component(&sharp), 1.0)
 }
 
 #[derive(Default)]
@@ -220,9 +219,9 @@ impl LocalMean {
         }
     }
 
-    /// `None` when hardly anything was added
+    /// `None` when almost nothing was added
     fn color(&self) -> Option<[f32; 3]> {
-        /// A pixel of full weight nearby counts 1; below this only the far tails were met
+        /// A nearby pixel of full weight counts 1; below this, only distant pixels contributed
         const MIN_WEIGHT: f32 = 0.02;
         (self.weight > MIN_WEIGHT).then(|| self.sum.map(|s| s / self.weight))
     }
@@ -233,7 +232,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cleaning_keeps_large_holes_and_drops_islands() {
+    fn cleaning_keeps_large_holes_and_removes_islands() {
         let ring = Grid::from_fn(60, 40, |x, y| {
             let hole = (20..32).contains(&x) && (12..28).contains(&y);
             let pinhole = x == 12 && y == 12;
@@ -241,30 +240,30 @@ mod tests {
             let island = (55..60).contains(&x) && y < 5;
             ((5..45).contains(&x) && (5..35).contains(&y) && !hole && !pinhole) || hair || island
         });
-        let mask = clean(&ring, 1.0);
-        assert!(!mask[(25, 20)], "the large hole stays");
+        let mask = clean_mask(&ring, 1.0);
+        assert!(!mask[(25, 20)], "the large hole remains open");
         assert!(mask[(12, 12)], "the pinhole is filled");
-        assert!(!mask[(52, 20)], "the hair is gone");
-        assert!(!mask[(57, 2)], "the island is gone");
-        assert!(mask[(5, 5)], "corners stay");
+        assert!(!mask[(52, 20)], "the hair is removed");
+        assert!(!mask[(57, 2)], "the island is removed");
+        assert!(mask[(5, 5)], "corners are kept");
     }
 
     #[test]
-    fn cleaning_a_thin_figure_keeps_it() {
+    fn cleaning_keeps_a_thin_shape() {
         let line = Mask::from_art("..... ##### .....");
-        assert_eq!(clean(&line, 1.0), line);
+        assert_eq!(clean_mask(&line, 1.0), line);
         let empty = Mask::filled(3, 3, false);
-        assert_eq!(clean(&empty, 1.0), empty);
+        assert_eq!(clean_mask(&empty, 1.0), empty);
     }
 
     #[test]
-    fn a_mixed_column_gets_its_share() {
+    fn a_mixed_column_gets_its_fraction() {
         let photo = Grid::from_fn(40, 20, |x, _| match x {
             0..20 => [200, 100, 50],
             20 => [80, 70, 65],
             _ => [40, 60, 70],
         });
-        // a quarter of column 20 is person, but the mask has all of it
+        // a quarter of column 20 is person, but the mask contains all of it
         let mask = Grid::from_fn(40, 20, |x, y| x <= 20 && (2..18).contains(&y));
         let soft = soft_border(&photo, &mask, None, 1.0);
         assert!(soft[(20, 10)] > 0.15 && soft[(20, 10)] < 0.4);
@@ -284,8 +283,8 @@ mod tests {
     }
 
     #[test]
-    fn a_border_that_was_scaled_up_is_found_again() {
-        // a disc, photographed with a blur of a pixel, and a mask that is up to two pixels off
+    fn a_border_that_was_scaled_up_is_refined() {
+        // a disc, photographed with a blur of a pixel, and a mask that is off by up to two pixels
         let inside =
             |x: usize, y: usize, radius: f64| (x as f64 - 70.0).hypot(y as f64 - 75.0) - radius;
         let photo = Grid::from_fn(140, 150, |x, y| {
@@ -295,25 +294,25 @@ mod tests {
         });
         let truth = Grid::from_fn(140, 150, |x, y| inside(x, y, 50.0) < 0.0);
         let coarse = Grid::from_fn(140, 150, |x, y| inside(x - x % 4, y - y % 4, 50.0) < 0.0);
-        let found = sharpen(&photo, &coarse);
+        let found = sharpen_mask(&photo, &coarse);
         assert!(coarse.iou(&truth) < 0.96);
         assert!(found.iou(&truth) > 0.995, "{}", found.iou(&truth));
-        // bands of rows leave no trace
+        // blocks of rows leave no seams
         let whole = soft_border(&photo, &coarse, None, 1.0).threshold(0.5);
         assert_eq!(found, whole);
         let empty = Mask::filled(140, 150, false);
-        assert_eq!(sharpen(&photo, &empty), empty);
+        assert_eq!(sharpen_mask(&photo, &empty), empty);
     }
 
     #[test]
-    fn tidying_drops_separate_parts() {
+    fn cleaning_a_soft_mask_removes_separate_components() {
         let mut soft = Grid::from_fn(20, 6, |x, _| match x {
             0..8 => 1.0,
             8 => 0.3,
             14..16 => 0.8,
             _ => 0.0,
         });
-        let mask = tidy_soft(&mut soft, 1.0);
+        let mask = clean_soft_mask(&mut soft, 1.0);
         assert_eq!(mask.area(), 48);
         assert_eq!(soft[(8, 3)], 0.3);
         assert_eq!(soft[(14, 3)], 0.0);

@@ -1,6 +1,6 @@
-//! Gaussian mixtures of colors: what the person wears and what stands around.
+//! Gaussian mixtures of the colors of person and background.
 //!
-//! Everything stays in the log domain. Fitting is repeatable: the random start has its own fixed seed.
+//! All densities are logarithms. Fitting is deterministic: the random start has a fixed seed.
 
 use crate::log_domain::{exp_of_negative, ln_of_positive};
 
@@ -10,14 +10,14 @@ pub struct ColorModel {
     components: Vec<Gaussian>,
 }
 
-/// How a [`ColorModel`] is fitted
+/// Options of [`ColorModel::fit`]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColorModelOptions {
-    /// Gaussians; more follow patterned clothes better and need more samples
+    /// Number of Gaussians; more represent patterned clothes better and need more samples
     pub components: usize,
-    /// Rounds of giving each sample to its likeliest Gaussian and fitting again, after k-means
+    /// Rounds of assigning each sample to its likeliest Gaussian and refitting, after k-means
     pub assignments: usize,
-    /// Added to every variance, in squared levels; keeps flat colors from becoming infinitely likely
+    /// Added to every variance, in squared levels; bounds the density of flat colors
     pub added_variance: f64,
 }
 
@@ -31,31 +31,31 @@ impl Default for ColorModelOptions {
     }
 }
 
-/// More samples than this are thinned out before the fit; the fit does not gain from more
+/// Larger sample sets are subsampled; the fit does not improve with more
 const MAX_SAMPLES: usize = 20_000;
 
-/// Clusters with fewer samples than this have no meaningful covariance and are dropped
+/// Minimum samples of a cluster; smaller ones have no meaningful covariance and are dropped
 const MIN_CLUSTER: usize = 8;
 
-/// Largest number of Gaussians, bounds the scratch space of an evaluation
+/// Maximum number of Gaussians; bounds the scratch space of an evaluation
 const MAX_COMPONENTS: usize = 16;
 
-/// Rounds of k-means before the Gaussians take over
+/// Rounds of k-means before fitting Gaussians
 const KMEANS_ROUNDS: usize = 10;
 
-/// Starts of k-means; the tightest one is kept
+/// Random starts of k-means; the one with the smallest spread is used
 const KMEANS_STARTS: u64 = 2;
 
-/// Pixels evaluated together, so that the compiler fills its vector registers
+/// Pixels evaluated together, for vectorization
 const LANES: usize = 16;
 
 /// One weighted Gaussian, ready for evaluation
 #[derive(Debug, Clone, Copy)]
 struct Gaussian {
     mean: [f32; 3],
-    /// Upper triangular `R`, row by row, with `exp(-|R (x - mean)|^2)` the shape of the density
+    /// Upper triangular `R`, row by row, with density proportional to `exp(-|R (x - mean)|^2)`
     root: [f32; 6],
-    /// Logarithm of weight and normalization
+    /// Logarithm of weight times normalization
     log_weight: f32,
 }
 
@@ -67,7 +67,7 @@ impl ColorModel {
     /// A. Blake, 2004, GrabCut.
     pub fn fit(samples: &[[u8; 3]], options: &ColorModelOptions) -> Option<Self> {
         let mut random = SplitMix(1);
-        let samples = thin_out(samples, &mut random);
+        let samples = subsample(samples, &mut random);
         if samples.len() < MIN_CLUSTER {
             return None;
         }
@@ -84,14 +84,14 @@ impl ColorModel {
         (!model.components.is_empty()).then_some(model)
     }
 
-    /// Natural logarithm of the density at one color
+    /// Returns the natural logarithm of the density at one color
     pub fn log_density(&self, color: [u8; 3]) -> f32 {
         let mut out = [0.0];
         self.log_densities(&[color], &mut out);
         out[0]
     }
 
-    /// Natural logarithm of the density at many colors
+    /// Computes the natural logarithm of the density at many colors
     ///
     /// # Panics
     /// When `colors` and `out` differ in length.
@@ -120,7 +120,7 @@ impl ColorModel {
         }
     }
 
-    /// Gives each sample to the Gaussian with the largest weighted density
+    /// Assigns each sample to the Gaussian with the largest weighted density
     fn assign(&self, samples: &[[u8; 3]], labels: &mut [u8]) {
         let mut part = [0.0_f32; LANES];
         for (colors, labels) in samples.chunks(LANES).zip(labels.chunks_mut(LANES)) {
@@ -143,7 +143,7 @@ impl ColorModel {
         for (&color, &label) in samples.iter().zip(labels) {
             moments[usize::from(label)].add(color);
         }
-        // every sample is in some cluster; only when all are tiny does none survive the limit
+        // if all clusters are too small, the largest is kept
         let limit = MIN_CLUSTER.min(moments.iter().map(|m| m.count).max().unwrap_or(0));
         let components = moments
             .iter()
@@ -169,7 +169,7 @@ impl Gaussian {
     }
 }
 
-/// Colors as three planes of numbers; unused lanes are black
+/// Converts colors to three planes; unused lanes are black
 fn to_planes<T: Copy + Into<f32>>(colors: &[[T; 3]]) -> [[f32; LANES]; 3] {
     let mut planes = [[0.0; LANES]; 3];
     for (lane, color) in colors.iter().enumerate() {
@@ -202,7 +202,7 @@ impl Moments {
         }
     }
 
-    /// The Gaussian of these colors among `total` samples
+    /// Fits a Gaussian to these colors among `total` samples
     fn gaussian(&self, total: usize, added_variance: f64) -> Gaussian {
         let n = self.count as f64;
         let mean = self.sum.map(|s| s / n);
@@ -218,9 +218,8 @@ impl Moments {
             covariance(2, 0, 2),
             covariance(4, 1, 2),
         );
-        // Factor the covariance from the last channel up: C = U U^T with U upper triangular; then
-        // R = U^-1 is upper triangular and |R d|^2 = d^T C^-1 d. Pivots below the added variance are
-        // rounding errors.
+        // Factorize the covariance from the last channel up: C = U U^T with U upper triangular; then R = U^-1 is upper
+        // triangular and |R d|^2 = d^T C^-1 d. Pivots below the added variance are rounding errors.
         let u22 = zz.sqrt();
         let u12 = yz / u22;
         let u02 = xz / u22;
@@ -249,21 +248,21 @@ impl Moments {
     }
 }
 
-/// One random sample out of each of `MAX_SAMPLES` equal stretches
-fn thin_out(samples: &[[u8; 3]], random: &mut SplitMix) -> Vec<[u8; 3]> {
+/// Draws one random sample from each of `MAX_SAMPLES` equal intervals
+fn subsample(samples: &[[u8; 3]], random: &mut SplitMix) -> Vec<[u8; 3]> {
     if samples.len() <= MAX_SAMPLES {
         return samples.to_vec();
     }
-    let stretch = samples.len() as f64 / MAX_SAMPLES as f64;
+    let interval = samples.len() as f64 / MAX_SAMPLES as f64;
     (0..MAX_SAMPLES)
         .map(|i| {
-            let at = (i as f64 + random.unit()) * stretch;
+            let at = (i as f64 + random.unit()) * interval;
             samples[(at as usize).min(samples.len() - 1)]
         })
         .collect()
 }
 
-/// Labels of Lloyd's iteration from a k-means++ start, and the sum of squared distances
+/// Returns labels after Lloyd's iteration from a k-means++ start, and the sum of squared distances
 fn k_means(samples: &[[u8; 3]], count: usize, random: &mut SplitMix) -> (Vec<u8>, f64) {
     let mut centers: Vec<[f32; 3]> = Vec::with_capacity(count);
     let mut nearest = vec![f32::INFINITY; samples.len()];
@@ -323,7 +322,7 @@ fn squared_distance(a: [f32; 3], b: [f32; 3]) -> f32 {
     x * x + y * y + z * z
 }
 
-/// Random numbers that are the same everywhere
+/// Random numbers that are equal on every machine
 ///
 /// # Source
 /// G. Steele, D. Lea, C. Flood, 2014, Fast splittable pseudorandom number generators.
@@ -385,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn two_colors_are_told_apart() {
+    fn two_colors_are_separated() {
         let mut samples = vec![[200, 30, 40]; 50];
         samples.extend([[20, 120, 220]; 50]);
         let model = ColorModel::fit(&samples, &ColorModelOptions::default()).unwrap();
@@ -437,7 +436,7 @@ mod tests {
         }
 
         #[test]
-        fn any_colors_give_finite_densities(
+        fn densities_of_all_colors_are_finite(
             samples in prop::collection::vec(prop::array::uniform3(any::<u8>()), 8..200),
             color in prop::array::uniform3(any::<u8>()),
         ) {

@@ -1,4 +1,4 @@
-//! Densities of two color models, looked up instead of evaluated.
+//! Densities of two color models from a lookup table.
 
 use pirouette_geom::Grid;
 use pirouette_geom::parallel::prelude::*;
@@ -6,10 +6,10 @@ use pirouette_geom::parallel::prelude::*;
 use crate::color_model::ColorModel;
 use crate::seeds::Seed;
 
-/// Levels are told apart by this many of their leading bits
+/// Leading bits of each level that select a cell
 const BITS: usize = 7;
 
-/// Cells that share a word of marks
+/// Cells per word of marks
 const WORD: usize = u64::BITS as usize;
 
 /// Color models of person and background
@@ -18,15 +18,15 @@ pub(crate) struct ModelPair {
     pub(crate) background: ColorModel,
 }
 
-/// The colors of the undecided pixels of a scene, as cells of two by two by two levels
+/// Colors of the undecided pixels of a scene, quantized to cells of two levels per channel
 ///
-/// A scene has far fewer such cells than pixels.
+/// A scene has far fewer cells than pixels.
 pub(crate) struct ColorCells {
     /// One bit per cell
     marks: Vec<u64>,
     /// Number of marked cells before each word
     before: Vec<u32>,
-    /// The middles of the marked cells
+    /// Centers of the marked cells
     colors: Vec<[f32; 3]>,
 }
 
@@ -61,7 +61,7 @@ impl ColorCells {
         for (index, &word) in marks.iter().enumerate() {
             let mut left = word;
             while left != 0 {
-                colors.push(middle(index * WORD + left.trailing_zeros() as usize));
+                colors.push(cell_center(index * WORD + left.trailing_zeros() as usize));
                 left &= left - 1;
             }
         }
@@ -73,10 +73,10 @@ impl ColorCells {
     }
 }
 
-/// Natural logarithms of the densities of both sides, in the middle of each cell
+/// Natural logarithms of the densities of both sides at the center of each cell
 pub(crate) struct ColorTable<'a> {
     cells: &'a ColorCells,
-    /// Person and background, for the marked cells one after the other
+    /// Person and background, per marked cell
     densities: Vec<[f32; 2]>,
 }
 
@@ -101,7 +101,7 @@ impl<'a> ColorTable<'a> {
         Self { cells, densities }
     }
 
-    /// Log densities of a color as person and as background; those of another color when no undecided pixel has it
+    /// Returns the log densities of a color as person and as background; unspecified if no undecided pixel has it
     pub(crate) fn log_densities(&self, color: [u8; 3]) -> [f32; 2] {
         let cell = cell(color);
         let below = self.cells.marks[cell / WORD] & ((1 << (cell % WORD)) - 1);
@@ -116,8 +116,8 @@ fn cell(color: [u8; 3]) -> usize {
     r << (2 * BITS) | g << BITS | b
 }
 
-/// The color in the middle of a cell
-fn middle(cell: usize) -> [f32; 3] {
+/// Returns the color at the center of a cell
+fn cell_center(cell: usize) -> [f32; 3] {
     const WIDTH: usize = 1 << (8 - BITS);
     let mask = (1 << BITS) - 1;
     [cell >> (2 * BITS), cell >> BITS & mask, cell & mask]
@@ -133,7 +133,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn found_densities_are_those_of_the_models(
+        fn table_densities_match_the_models(
             colors in prop::collection::vec(prop::array::uniform3(any::<u8>()), 40..300),
         ) {
             let fit = |samples: &[[u8; 3]]| {
@@ -145,17 +145,17 @@ mod tests {
             let cells = ColorCells::new(vec![(&photo, &seeds)]);
             let table = ColorTable::new(&models, &cells);
             for color in colors {
-                let middle = color.map(|level| f32::from(level & !1) + 0.5);
+                let cell_center = color.map(|level| f32::from(level & !1) + 0.5);
                 let mut expected = [0.0; 2];
-                models.person.log_densities(&[middle], &mut expected[..1]);
-                models.background.log_densities(&[middle], &mut expected[1..]);
+                models.person.log_densities(&[cell_center], &mut expected[..1]);
+                models.background.log_densities(&[cell_center], &mut expected[1..]);
                 prop_assert_eq!(table.log_densities(color), expected);
             }
         }
     }
 
     #[test]
-    fn unknown_colors_do_no_harm() {
+    fn unknown_colors_are_handled() {
         let model = ColorModel::fit(&[[9, 9, 9]; 9], &ColorModelOptions::default()).unwrap();
         let models = ModelPair {
             person: model.clone(),

@@ -1,4 +1,4 @@
-//! GrabCut for one photo: models of its own, a few rounds.
+//! GrabCut for one photo: separate color models, a few rounds.
 
 use pirouette_geom::{Grid, Mask};
 
@@ -8,21 +8,21 @@ use crate::links::{Contrast, contrast_scale};
 use crate::log_domain::log_sum_exp;
 use crate::seeds::{LogOdds, Seed};
 
-/// How one photo is segmented
+/// Options of [`grabcut`]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GrabCutOptions {
-    /// Rounds of fitting the color models and cutting; most of the change is in the first five
+    /// Rounds of fitting the color models and cutting; most changes occur in the first five
     pub rounds: usize,
-    /// Cost of parting two alike neighbors; more gives rounder outlines and loses thin limbs
+    /// Cost of separating two neighbors of equal color; larger values give rounder outlines and lose thin limbs
     pub smoothness: f32,
-    /// Largest say of one pixel's color, as log odds; bounds the harm of colors that no model has seen
+    /// Bound of one pixel's color term, as log odds; limits the effect of colors outside both models
     pub color_limit: f32,
-    /// Share of the person's pixels, 0 to 1, that may have any color: a hat or a bag that no seed has met; more
-    /// takes in more of the bystanders too
-    pub person_surprise: f32,
-    /// The same for the background; small, as the seeds show most of it
-    pub background_surprise: f32,
-    /// The color models of both sides
+    /// Fraction of the person's pixels, 0 to 1, that may have any color, such as a hat or bag without seeds; larger
+    /// values also include more of the bystanders
+    pub person_outlier_share: f32,
+    /// The same for the background; small, as the seeds cover most of it
+    pub background_outlier_share: f32,
+    /// Options of the color models of both sides
     pub color_model: ColorModelOptions,
 }
 
@@ -34,10 +34,10 @@ impl Default for GrabCutOptions {
             // street photos: flat from 25 to 36, at 50 a mean IoU lower by 0.004
             smoothness: 30.0,
             color_limit: 12.0,
-            person_surprise: 0.1,
-            background_surprise: 0.01,
+            person_outlier_share: 0.1,
+            background_outlier_share: 0.01,
             color_model: ColorModelOptions {
-                // streets have more colors than rooms: 8 to 14 differ by 0.002, 5 lose more
+                // streets have more colors than rooms: 8 to 14 differ by 0.002, 5 loses more
                 components: 10,
                 assignments: 3,
                 ..ColorModelOptions::default()
@@ -46,47 +46,47 @@ impl Default for GrabCutOptions {
     }
 }
 
-/// Why a photo cannot be segmented
+/// Error of [`grabcut`] or of one view of a scene
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum GrabCutError {
-    /// The seeds, or the prior, are for another photo
+    /// The seeds or the prior differ from the photo in size
     #[error("{what} of {found_width}x{found_height} px for a photo of {width}x{height} px")]
     Size {
-        /// What does not fit
+        /// What differs in size
         what: &'static str,
-        /// Columns of what does not fit
+        /// Its columns
         found_width: usize,
-        /// Rows of what does not fit
+        /// Its rows
         found_height: usize,
         /// Columns of the photo
         width: usize,
         /// Rows of the photo
         height: usize,
     },
-    /// No model can be made of one of the two sides
-    #[error("no more than {count} pixels are {side} to begin with, at least 8 are needed")]
+    /// One of the two sides has too few pixels for a color model
+    #[error("only {count} initial {side} pixels, at least 8 are needed")]
     TooFewSamples {
         /// `person` or `background`
         side: &'static str,
-        /// Pixels there are
+        /// Number of pixels
         count: usize,
     },
-    /// The caller wanted no result any more
+    /// The caller cancelled the segmentation
     #[error("cancelled")]
     Cancelled,
 }
 
 /// Segments one photo from its seeds
 ///
-/// `prior` adds to the log odds of the colors; `None` is even odds everywhere. All pixels that the seeds decide are
-/// samples of the color models, also those far from the undecided band.
+/// `prior` adds to the log odds of the colors; `None` is even odds everywhere. All decided pixels are samples of the
+/// color models, including those far from the undecided band.
 ///
 /// # Errors
-/// When sizes differ or one side has hardly any pixel.
+/// When sizes differ or one side has too few pixels.
 ///
 /// # Source
-/// C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut, with mixtures evaluated as a whole instead of by
-/// their likeliest component and joined by a uniform one.
+/// C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut; here mixtures are evaluated fully instead of by their likeliest
+/// component, and include a uniform component.
 pub fn grabcut(
     photo: &Grid<[u8; 3]>,
     seeds: &Grid<Seed>,
@@ -105,7 +105,7 @@ pub fn grabcut(
         Contrast {
             smoothness: options.smoothness,
             beta: contrast_scale(photo, seeds),
-            plate: None,
+            clean_plate: None,
         },
     );
     if !band.undecided() {
@@ -144,8 +144,8 @@ pub fn grabcut(
         };
         fit("person", true)?.log_densities(&colors, &mut odds);
         fit("background", false)?.log_densities(&colors, &mut background_density);
-        allow_surprise(&mut odds, options.person_surprise);
-        allow_surprise(&mut background_density, options.background_surprise);
+        mix_uniform_density(&mut odds, options.person_outlier_share);
+        mix_uniform_density(&mut background_density, options.background_outlier_share);
         for ((odds, background), prior) in odds.iter_mut().zip(&background_density).zip(&prior_odds)
         {
             let limit = options.color_limit;
@@ -162,9 +162,9 @@ pub fn grabcut(
     Ok(mask)
 }
 
-/// Mixes into log densities a share of a uniform density over all colors
-fn allow_surprise(log_densities: &mut [f32], share: f32) {
-    /// Number of colors there are, as a power of two
+/// Mixes a uniform density over all colors into log densities
+fn mix_uniform_density(log_densities: &mut [f32], share: f32) {
+    /// Logarithm to base 2 of the number of colors
     const COLOR_BITS: f32 = 24.0;
     let known = (1.0 - share).ln();
     let unknown = share.ln() - COLOR_BITS * std::f32::consts::LN_2;
@@ -195,22 +195,22 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn go_on() -> bool {
+    fn never_cancelled() -> bool {
         false
     }
 
     #[test]
-    fn surprise_lifts_unlikely_colors_only() {
+    fn a_uniform_density_raises_only_unlikely_colors() {
         let mut densities = [-5.0, -500.0];
-        allow_surprise(&mut densities, 0.1);
+        mix_uniform_density(&mut densities, 0.1);
         assert!((densities[0] - (-5.0 + 0.9_f32.ln())).abs() < 1e-3);
         assert!((densities[1] - (0.1_f32.ln() - 24.0 * 2.0_f32.ln())).abs() < 1e-3);
         let mut densities = [-5.0, -500.0];
-        allow_surprise(&mut densities, 0.0);
+        mix_uniform_density(&mut densities, 0.0);
         assert_eq!(densities, [-5.0, -500.0]);
     }
 
-    /// A disc of one texture before another, with noise
+    /// A disc of one texture in front of another, with noise
     fn disc(width: usize, height: usize) -> (Grid<[u8; 3]>, Mask) {
         let mask = Grid::from_fn(width, height, |x, y| {
             let dx = x as f64 + 0.5 - width as f64 / 2.0;
@@ -241,10 +241,10 @@ mod tests {
     }
 
     #[test]
-    fn a_disc_is_found_to_the_pixel() {
+    fn a_disc_is_segmented_exactly() {
         let (photo, truth) = disc(48, 48);
         let seeds = box_seeds(48, 48);
-        let mask = grabcut(&photo, &seeds, None, &Default::default(), &go_on).unwrap();
+        let mask = grabcut(&photo, &seeds, None, &Default::default(), &never_cancelled).unwrap();
         assert!(mask.iou(&truth) > 0.995, "{}", mask.to_art());
     }
 
@@ -252,21 +252,21 @@ mod tests {
     fn seeds_that_decide_all_are_the_result() {
         let (photo, truth) = disc(20, 20);
         let seeds = truth.map(|&v| if v { Seed::Person } else { Seed::Background });
-        let mask = grabcut(&photo, &seeds, None, &Default::default(), &go_on).unwrap();
+        let mask = grabcut(&photo, &seeds, None, &Default::default(), &never_cancelled).unwrap();
         assert_eq!(mask, truth);
     }
 
     #[test]
-    fn bad_input_is_a_typed_error() {
+    fn invalid_input_gives_a_typed_error() {
         let (photo, _) = disc(20, 20);
         let seeds = box_seeds(21, 20);
-        let result = grabcut(&photo, &seeds, None, &Default::default(), &go_on);
+        let result = grabcut(&photo, &seeds, None, &Default::default(), &never_cancelled);
         assert!(matches!(
             result,
             Err(GrabCutError::Size { what: "seeds", .. })
         ));
         let seeds = Grid::filled(20, 20, Seed::ProbableBackground);
-        let result = grabcut(&photo, &seeds, None, &Default::default(), &go_on);
+        let result = grabcut(&photo, &seeds, None, &Default::default(), &never_cancelled);
         let side = "person";
         assert_eq!(result, Err(GrabCutError::TooFewSamples { side, count: 0 }));
         let result = grabcut(
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flat_photo_and_a_tiny_one_do_no_harm() {
+    fn flat_and_tiny_photos_are_handled() {
         let photo = Grid::filled(20, 20, [0; 3]);
         assert!(
             grabcut(
@@ -288,22 +288,31 @@ mod tests {
                 &box_seeds(20, 20),
                 None,
                 &Default::default(),
-                &go_on
+                &never_cancelled
             )
             .is_ok()
         );
         let tiny = Grid::filled(1, 1, [0; 3]);
         let seeds = Grid::filled(1, 1, Seed::ProbablePerson);
-        assert!(grabcut(&tiny, &seeds, None, &Default::default(), &go_on).is_err());
+        assert!(grabcut(&tiny, &seeds, None, &Default::default(), &never_cancelled).is_err());
         let nothing = Grid::from_vec(0, 0, vec![]);
         let seeds = Grid::from_vec(0, 0, vec![]);
-        assert!(grabcut(&nothing, &seeds, None, &Default::default(), &go_on).is_ok());
+        assert!(
+            grabcut(
+                &nothing,
+                &seeds,
+                None,
+                &Default::default(),
+                &never_cancelled
+            )
+            .is_ok()
+        );
     }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 8))]
         #[test]
-        fn sure_seeds_are_never_changed(
+        fn definite_seeds_are_never_changed(
             colors in prop::collection::vec(prop::array::uniform3(any::<u8>()), 12 * 9),
             kinds in prop::collection::vec(0_u8..4, 12 * 9),
         ) {
@@ -314,7 +323,7 @@ mod tests {
                 2 => Seed::ProbablePerson,
                 _ => Seed::Person,
             });
-            if let Ok(mask) = grabcut(&photo, &seeds, None, &Default::default(), &go_on) {
+            if let Ok(mask) = grabcut(&photo, &seeds, None, &Default::default(), &never_cancelled) {
                 for (seed, &inside) in seeds.as_slice().iter().zip(mask.as_slice()) {
                     prop_assert!(seed.undecided() || inside == (*seed == Seed::Person));
                 }

@@ -1,32 +1,32 @@
-//! What it costs to part neighboring pixels, whole rows at a time.
+//! Costs of separating neighboring pixels, computed by rows.
 
 use std::ops::Range;
 
 use pirouette_geom::Grid;
 
+use crate::clean_plate::{CleanPlate, squared_distance};
 use crate::log_domain::exp_of_negative;
-use crate::plate::{BackgroundPlate, squared_distance};
 use crate::seeds::{Seed, Window};
 
-/// Squared step of the plate, in squared levels, that halves the contrast of a pair of pixels
+/// Squared difference of neighbors in the clean plate, in squared levels, that halves the contrast of a pair
 const ATTENUATION_STEP: f32 = 25.0;
 
-/// Squared distance to the plate, in squared levels, at which attenuation has faded to 1/e: a pair that
-/// differs from the plate belongs to the person or to its outline
+/// Squared distance to the clean plate, in squared levels, at which attenuation has decreased to 1/e: pairs that
+/// differ from the plate belong to the person or to its outline
 const ATTENUATION_REACH: f32 = 200.0;
 
-/// How the contrast of a photo becomes the cost of parting neighbors
+/// Parameters of the cost of separating neighbors
 #[derive(Debug, Clone, Copy)]
 pub struct Contrast<'a> {
-    /// Cost of parting two alike neighbors
+    /// Cost of separating two neighbors of equal color
     pub smoothness: f32,
-    /// One over the contrast, in squared levels, at which the cost has fallen to 1/e; see [`contrast_scale`]
+    /// Reciprocal of the squared contrast, in squared levels, that reduces the cost to 1/e; see [`contrast_scale`]
     pub beta: f32,
-    /// Contrast that the background shows too counts less
-    pub plate: Option<&'a BackgroundPlate>,
+    /// Attenuates contrast that the background also has
+    pub clean_plate: Option<&'a CleanPlate>,
 }
 
-/// Energies of the links of one row's pixels: to the right, below, below to the right and below to the left
+/// Energies of the links of one row's pixels: right, below, below right and below left
 ///
 /// Each has one value before the first pixel and one after the last, both 0.
 #[derive(Debug, Clone)]
@@ -49,7 +49,7 @@ impl RowLinks {
     }
 }
 
-/// The links of a window of a photo, row after row from the top
+/// Iterates over the links of a window of a photo, row by row from the top
 pub(crate) struct LinkRows<'a> {
     photo: &'a Grid<[u8; 3]>,
     window: Window,
@@ -62,7 +62,7 @@ pub(crate) struct LinkRows<'a> {
 impl<'a> LinkRows<'a> {
     pub(crate) fn new(photo: &'a Grid<[u8; 3]>, window: Window, contrast: Contrast<'a>) -> Self {
         let mut next = RowColors::new(window.width);
-        next.read(photo, contrast.plate, window, 0);
+        next.read_row(photo, contrast.clean_plate, window, 0);
         Self {
             photo,
             window,
@@ -73,25 +73,26 @@ impl<'a> LinkRows<'a> {
         }
     }
 
-    /// Fills in the links of the next row; those of the last row lead to the right only
+    /// Computes the links of the next row; pixels of the last row are linked to the right only
     ///
-    /// `columns` are those of the window whose pixels have links that anyone asks for, in this row or from the row
-    /// below, in ascending order and apart from each other. Other links may be anything.
-    pub(crate) fn read(&mut self, columns: &[Range<usize>], links: &mut RowLinks) {
+    /// `columns` are the columns of the window whose pixels need links, in this row or from the row below, in ascending
+    /// order and disjoint. Other links are unspecified.
+    pub(crate) fn read_links(&mut self, columns: &[Range<usize>], links: &mut RowLinks) {
         std::mem::swap(&mut self.current, &mut self.next);
         let (width, last) = (self.window.width, self.window.height - 1);
         let Contrast {
             smoothness,
             beta,
-            plate,
+            clean_plate,
         } = self.contrast;
         let diagonal = smoothness / std::f32::consts::SQRT_2;
         if self.y < last {
-            self.next.read(self.photo, plate, self.window, self.y + 1);
+            self.next
+                .read_row(self.photo, clean_plate, self.window, self.y + 1);
         }
         let (current, next) = (&self.current, &self.next);
         for columns in columns {
-            // pairs that begin one before the first column have their second pixel there
+            // pairs that start one before the first column have their second pixel there
             let (start, end) = (columns.start.saturating_sub(1), columns.end.min(width));
             let (all, fewer) = (1 + start..1 + end, 1 + start..1 + end.min(width - 1));
             current.link(
@@ -136,13 +137,13 @@ impl<'a> LinkRows<'a> {
     }
 }
 
-/// One row of the photo and of the plate behind it
+/// One row of the photo and of the clean plate
 struct RowColors {
     photo: [Vec<f32>; 3],
-    plate: [Vec<f32>; 3],
-    /// 1 where the plate knows the background
+    clean_plate: [Vec<f32>; 3],
+    /// 1 where the clean plate has a color
     known: Vec<f32>,
-    /// Squared distance of photo and plate
+    /// Squared distance of photo and clean plate
     foreign: Vec<f32>,
     attenuating: bool,
 }
@@ -152,17 +153,17 @@ impl RowColors {
         let row = || vec![0.0; width];
         Self {
             photo: std::array::from_fn(|_| row()),
-            plate: std::array::from_fn(|_| row()),
+            clean_plate: std::array::from_fn(|_| row()),
             known: row(),
             foreign: row(),
             attenuating: false,
         }
     }
 
-    fn read(
+    fn read_row(
         &mut self,
         photo: &Grid<[u8; 3]>,
-        plate: Option<&BackgroundPlate>,
+        clean_plate: Option<&CleanPlate>,
         window: Window,
         y: usize,
     ) {
@@ -172,10 +173,12 @@ impl RowColors {
                 *value = f32::from(color[channel]);
             }
         }
-        self.attenuating = plate.is_some();
-        let Some(plate) = plate else { return };
-        let (behind, known) = plate.row(window, y);
-        for (channel, values) in self.plate.iter_mut().enumerate() {
+        self.attenuating = clean_plate.is_some();
+        let Some(clean_plate) = clean_plate else {
+            return;
+        };
+        let (behind, known) = clean_plate.row(window, y);
+        for (channel, values) in self.clean_plate.iter_mut().enumerate() {
             for (value, color) in values.iter_mut().zip(behind) {
                 *value = f32::from(color[channel]);
             }
@@ -188,7 +191,7 @@ impl RowColors {
         }
     }
 
-    /// Energies between this row from pixel `from` on and another one from `other_from` on
+    /// Computes energies between this row from pixel `from` on and another one from `other_from` on
     fn link(
         &self,
         from: usize,
@@ -217,7 +220,7 @@ impl RowColors {
             }
             return;
         }
-        step(&self.plate, &other.plate, out);
+        step(&self.clean_plate, &other.clean_plate, out);
         let [foreign, known] = [&self.foreign, &self.known].map(|row| cut(row, from, count));
         let [other_foreign, other_known] =
             [&other.foreign, &other.known].map(|row| cut(row, other_from, count));
@@ -236,8 +239,8 @@ impl RowColors {
     }
 }
 
-/// One over twice the mean squared contrast of neighbors, in the box of the undecided pixels and two more around; 0
-/// for a flat photo and where nothing is undecided
+/// Returns the reciprocal of twice the mean squared contrast of neighbors, in the box of the undecided pixels extended
+/// by two; 0 for a flat photo and without undecided pixels
 ///
 /// # Source
 /// C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut, equation 5.
@@ -266,14 +269,14 @@ pub fn contrast_scale(photo: &Grid<[u8; 3]>, seeds: &Grid<Seed>) -> f32 {
     }
 }
 
-/// Squared distances of the pixels of two rows, as far as both reach, summed
+/// Sums the squared distances of the pixels of two rows, up to the shorter length
 fn contrast_sum(row: &[[u8; 3]], other: &[[u8; 3]]) -> u64 {
-    // so many pixels at most stay within 32 bits
-    const STRETCH: usize = 16_384;
+    // the squared distances of this many pixels fit into 32 bits
+    const RUN: usize = 16_384;
     let count = row.len().min(other.len());
     let (row, other) = (row[..count].as_flattened(), other[..count].as_flattened());
-    row.chunks(3 * STRETCH)
-        .zip(other.chunks(3 * STRETCH))
+    row.chunks(3 * RUN)
+        .zip(other.chunks(3 * RUN))
         .map(|(a, b)| {
             let squares = a.iter().zip(b).map(|(a, b)| {
                 let d = i32::from(*a) - i32::from(*b);
@@ -291,7 +294,7 @@ mod tests {
 
     use super::*;
 
-    /// Energy of one pair, straight from the equations
+    /// Energy of one pair, directly from the equations
     fn energy(
         photo: &Grid<[u8; 3]>,
         contrast: &Contrast,
@@ -299,8 +302,8 @@ mod tests {
         b: (usize, usize),
     ) -> f32 {
         let apart = squared_distance(photo[a], photo[b]) as f32;
-        let shown = contrast.plate.and_then(|plate| {
-            let (behind_a, behind_b) = (plate.color(a.0, a.1)?, plate.color(b.0, b.1)?);
+        let shown = contrast.clean_plate.and_then(|clean_plate| {
+            let (behind_a, behind_b) = (clean_plate.color(a.0, a.1)?, clean_plate.color(b.0, b.1)?);
             let foreign = squared_distance(photo[a], behind_a)
                 .max(squared_distance(photo[b], behind_b)) as f32;
             let step = squared_distance(behind_a, behind_b) as f32;
@@ -313,23 +316,23 @@ mod tests {
 
     proptest! {
         #[test]
-        fn rows_of_links_are_those_of_single_pairs(
+        fn rows_of_links_match_single_pairs(
             colors in prop::collection::vec(prop::array::uniform3(90_u8..130), 3 * 6 * 5),
             seen in prop::collection::vec(any::<bool>(), 6 * 5),
-            with_plate in any::<bool>(),
+            with_clean_plate in any::<bool>(),
         ) {
             let [photo, other, third] = [0, 1, 2]
                 .map(|i| Grid::from_vec(6, 5, colors[30 * i..30 * (i + 1)].to_vec()));
             let seen = Mask::from_vec(6, 5, seen);
-            let plate =
-                BackgroundPlate::estimate(&[(&other, &seen), (&third, &seen)], &Default::default());
-            let contrast =
-                Contrast { smoothness: 40.0, beta: 0.002, plate: plate.as_ref().filter(|_| with_plate) };
+            let clean_plate =
+                CleanPlate::estimate(&[(&other, &seen), (&third, &seen)], &Default::default());
+            let clean_plate = clean_plate.as_ref().filter(|_| with_clean_plate);
+            let contrast = Contrast { smoothness: 40.0, beta: 0.002, clean_plate };
             let window = Window { x0: 1, y0: 1, width: 5, height: 4 };
             let mut rows = LinkRows::new(&photo, window, contrast);
             let mut links = RowLinks::new(window.width);
             for y in 0..window.height {
-                rows.read(std::slice::from_ref(&(0..window.width)), &mut links);
+                rows.read_links(std::slice::from_ref(&(0..window.width)), &mut links);
                 for x in 0..window.width {
                     let at = |x, y| (window.x0 + x, window.y0 + y);
                     let pair = |x1: usize, y1: usize| {

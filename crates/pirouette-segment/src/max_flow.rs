@@ -1,13 +1,12 @@
 //! Minimum cuts on the pixels of a photo.
 //!
-//! Only the undecided pixels become nodes; links to decided neighbors are terminal capacity. Capacities
-//! are whole numbers, so that a cut is exact and the same on every machine. Flow that was found once stays
-//! valid when only the terminal capacities change: the rounds of a segmentation continue where the last
-//! one ended.
+//! Only the undecided pixels become nodes; links to decided neighbors are terminal capacity. Capacities are integers,
+//! so that a cut is exact and equal on every machine. Flow remains valid when only the terminal capacities change: each
+//! round of a segmentation continues from the previous one.
 //!
-//! Two trees grow from source and sink until they touch; the path between them is saturated and what lost
-//! its parent is adopted or let go. This suits the shallow graphs of photos, where most nodes hang directly
-//! on a terminal; its worst case is bad.
+//! Two trees grow from source and sink until they touch; the path between them is saturated, and nodes that lost their
+//! parent are adopted or freed. This suits the shallow graphs of photos, where most nodes are directly attached to a
+//! terminal; the worst case is slow.
 
 use std::collections::VecDeque;
 
@@ -39,14 +38,14 @@ enum Tree {
     Sink,
 }
 
-/// What the search knows of a node; 16 bytes
+/// Search state of a node; 16 bytes
 #[derive(Debug, Clone, Copy)]
 struct SearchState {
     /// Residual capacity from the source, or to the sink when negative
     terminal: i32,
-    /// When `distance` was last known to be right
+    /// Time at which `distance` was last valid
     stamp: u32,
-    /// Steps to the terminal along the tree, an estimate
+    /// Estimated number of steps to the terminal along the tree
     distance: u32,
     /// Direction to the parent, or one of the values above
     parent: u8,
@@ -72,11 +71,11 @@ pub struct GridCut {
 }
 
 impl GridCut {
-    /// A graph without capacities; nodes are the `true` pixels, numbered row by row
+    /// Creates a graph without capacities; nodes are the `true` pixels, numbered row by row
     pub fn new(nodes: &Mask) -> Self {
         let (width, height) = (nodes.width(), nodes.height());
         let mut neighbors: Vec<[u32; 8]> = Vec::with_capacity(nodes.area());
-        // the numbers of the row above and of this row suffice to link both ways
+        // the node indices of the row above and of this row suffice to link both directions
         let mut above = vec![NOWHERE; width + 2];
         let mut current = vec![NOWHERE; width + 2];
         for y in 0..height {
@@ -122,12 +121,12 @@ impl GridCut {
         }
     }
 
-    /// Number of nodes
+    /// Returns the number of nodes
     pub fn node_count(&self) -> usize {
         self.neighbors.len()
     }
 
-    /// The neighboring node in one of the [`DIRECTIONS`]
+    /// Returns the neighboring node in one of the [`DIRECTIONS`]
     pub fn neighbor(&self, node: usize, direction: usize) -> Option<usize> {
         let other = self.neighbors[node][direction];
         (other != NOWHERE).then_some(other as usize)
@@ -135,8 +134,8 @@ impl GridCut {
 
     /// Sets the capacities between a node and its neighbors in all [`DIRECTIONS`]
     ///
-    /// They must not be negative, 0 where there is no neighbor, and be the same for both ends of a link; so every
-    /// node needs its links set. Flow found before is forgotten.
+    /// Capacities must be nonnegative, 0 where there is no neighbor, and equal at both ends of a link; so the links of
+    /// every node must be set. Discards existing flow.
     pub fn set_links(&mut self, node: usize, capacities: [i32; 8]) {
         debug_assert!(
             (0..8).all(|d| capacities[d] >= 0
@@ -145,28 +144,28 @@ impl GridCut {
         self.residuals[node] = capacities;
     }
 
-    /// Adds what it costs to cut a node off the source; negative: off the sink
+    /// Adds the cost of separating a node from the source; negative: from the sink
     pub fn add_terminal(&mut self, node: usize, capacity: i32) {
         let terminal = &mut self.states[node].terminal;
         *terminal = terminal.saturating_add(capacity);
     }
 
-    /// Whether the last [`GridCut::solve`] left the node on the source's side
+    /// Whether the node is on the source's side of the last [`GridCut::solve`]
     ///
-    /// Nodes that the cut leaves free go to the sink.
+    /// Nodes on neither side count as the sink's.
     pub fn on_source_side(&self, node: usize) -> bool {
         let state = &self.states[node];
         state.parent != FREE && state.tree == Tree::Source
     }
 
-    /// Pushes all flow from source to sink that the capacities let through; returns how much was pushed
+    /// Pushes the maximum flow from source to sink; returns the added flow
     pub fn solve(&mut self) -> i64 {
         let mut flow = self.push_between_neighbors();
         self.start_trees();
         let mut current: Option<usize> = None;
         loop {
             let node = match current.take() {
-                // a node that just gave a path often gives another one
+                // a node on an augmenting path often gives another one
                 Some(node) if self.states[node].parent < FREE => node,
                 _ => match self.next_active() {
                     Some(node) => node,
@@ -183,14 +182,14 @@ impl GridCut {
         flow
     }
 
-    /// Pushes what goes from the source to the sink by one link; returns how much
+    /// Pushes flow over paths of a single link between source and sink; returns the added flow
     ///
-    /// Most of the flow of a photo does, and needs no trees.
+    /// This is most of the flow in photos, and needs no trees.
     fn push_between_neighbors(&mut self) -> i64 {
         let mut flow = 0;
         for node in 0..self.neighbors.len() {
             let mut terminal = self.states[node].terminal;
-            // The other direction of each pair is seen from the neighbor.
+            // The other direction of each pair is handled at the neighbor.
             for direction in (0..8).step_by(2) {
                 let other = self.neighbors[node][direction];
                 if other == NOWHERE || terminal == 0 {
@@ -198,7 +197,7 @@ impl GridCut {
                 }
                 let other = other as usize;
                 let across = self.states[other].terminal;
-                // What can go from the node to the other one; back when negative
+                // Flow that can be pushed from the node to the other one; backward if negative
                 let pushed = if terminal > 0 && across < 0 {
                     let capacity = self.residuals[node][direction];
                     terminal.min(across.saturating_neg()).min(capacity)
@@ -219,7 +218,7 @@ impl GridCut {
         flow
     }
 
-    /// Hangs every node with terminal capacity on its terminal; those become active beside which a tree can grow
+    /// Attaches every node with terminal capacity to its terminal, and activates those next to which a tree can grow
     fn start_trees(&mut self) {
         self.active.clear();
         self.orphans.clear();
@@ -276,8 +275,8 @@ impl GridCut {
         }
     }
 
-    /// Takes free neighbors into the node's tree; stops at the first link to the other tree and returns it
-    /// as its node on the source's side and direction
+    /// Adds free neighbors to the node's tree; stops at the first link to the other tree and returns it as its node
+    /// on the source's side and direction
     fn grow(&mut self, node: usize) -> Option<(usize, usize)> {
         let SearchState {
             stamp,
@@ -312,7 +311,7 @@ impl GridCut {
                     Tree::Sink => (other, direction ^ 1),
                 });
             } else if state.stamp <= stamp && state.distance > distance {
-                // a shorter way to the terminal
+                // a shorter path to the terminal
                 state.parent = (direction ^ 1) as u8;
                 state.stamp = stamp;
                 state.distance = distance + 1;
@@ -349,13 +348,13 @@ impl GridCut {
             self.residuals[node][to_parent] += flow;
             self.residuals[parent][to_parent ^ 1] -= flow;
             if self.residuals[parent][to_parent ^ 1] == 0 {
-                self.orphan(node);
+                self.make_orphan(node);
             }
             node = parent;
         }
         self.states[node].terminal -= flow;
         if self.states[node].terminal == 0 {
-            self.orphan(node);
+            self.make_orphan(node);
         }
         node = sink_end;
         while self.states[node].parent != TERMINAL {
@@ -364,19 +363,19 @@ impl GridCut {
             self.residuals[node][to_parent] -= flow;
             self.residuals[parent][to_parent ^ 1] += flow;
             if self.residuals[node][to_parent] == 0 {
-                self.orphan(node);
+                self.make_orphan(node);
             }
             node = parent;
         }
         self.states[node].terminal += flow;
         if self.states[node].terminal == 0 {
-            self.orphan(node);
+            self.make_orphan(node);
         }
         flow
     }
 
-    /// Cuts a node off its parent; those nearest to the terminal are looked after first
-    fn orphan(&mut self, node: usize) {
+    /// Detaches a node from its parent; orphans nearest to the terminal are processed first
+    fn make_orphan(&mut self, node: usize) {
         self.states[node].parent = ORPHAN;
         self.orphans.push_front(node as u32);
     }
@@ -391,12 +390,12 @@ impl GridCut {
                     state.stamp = self.time;
                     state.distance = distance + 1;
                 }
-                None => self.let_go(node),
+                None => self.free_orphan(node),
             }
         }
     }
 
-    /// The neighbor with a link to this orphan and the shortest way to the terminal, and that way's length
+    /// Returns the best parent of an orphan, the linked neighbor nearest to the terminal, and the path length
     fn best_parent(&mut self, node: usize) -> Option<(usize, u32)> {
         let tree = self.states[node].tree;
         let links = self.neighbors[node];
@@ -426,7 +425,7 @@ impl GridCut {
         best
     }
 
-    /// Steps from a node to its terminal, `None` when an orphan is on the way; stamps what it passed
+    /// Returns the steps from a node to its terminal, `None` via an orphan; stamps the nodes on the path
     fn distance_to_terminal(&mut self, start: usize) -> Option<u32> {
         let mut steps = 0;
         let mut node = start;
@@ -460,8 +459,8 @@ impl GridCut {
         Some(total)
     }
 
-    /// Frees an orphan; its children become orphans, and neighbors that can take it back become active
-    fn let_go(&mut self, node: usize) {
+    /// Frees an orphan; its children become orphans, and neighbors that can adopt it become active
+    fn free_orphan(&mut self, node: usize) {
         let tree = self.states[node].tree;
         let links = self.neighbors[node];
         for (direction, other) in links.into_iter().enumerate() {

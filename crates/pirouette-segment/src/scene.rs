@@ -1,44 +1,44 @@
-//! All photos of one person before one background, segmented together.
+//! Joint segmentation of all photos of one person in front of one background.
 //!
-//! Views share one color model of the person and one of the background, and, when the camera stood still, a
-//! background plate. Works in passes: models and plate come from the seeds first, then from the last pass.
+//! Views share one color model of the person and one of the background, and, if the camera is static, a clean plate.
+//! Works in passes: models and clean plate are estimated from the seeds first, then from the previous pass.
 
 use pirouette_geom::morphology::dilate;
 use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask};
 
-use crate::border::{soft_border, tidy_soft};
+use crate::border::{clean_soft_mask, soft_border};
+use crate::clean_plate::{CleanPlate, CleanPlateOptions};
 use crate::color_model::{ColorModel, ColorModelOptions};
 use crate::color_table::{ColorCells, ColorTable, ModelPair};
 use crate::grabcut::{GrabCutError, check_size};
 use crate::links::{Contrast, contrast_scale};
-use crate::plate::{BackgroundPlate, PlateOptions};
 pub use crate::scene_view::SceneView;
 use crate::seeds::Seed;
 use crate::view_cut::{Evidence, cut_view};
 
-/// How the photos of a scene are segmented
+/// Options of [`segment_scene`]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SceneOptions {
-    /// Passes; the second takes its samples from the first, a third changes nothing worth its time
+    /// Passes; the second takes its samples from the first, a third has almost no effect
     pub passes: usize,
-    /// One pair of color models for all views instead of a pair for each
+    /// Fits one pair of color models for all views instead of one pair per view
     pub shared_models: bool,
-    /// Use of the background plate; `None` for a camera that moves
-    pub plate: Option<PlateOptions>,
-    /// Views deviate by fewer levels than this where the camera stood still; above, the plate is dropped
-    pub max_unrest: f32,
-    /// Whether contrast that the plate shows too counts less
+    /// Options of the clean plate; `None` for a moving camera
+    pub clean_plate: Option<CleanPlateOptions>,
+    /// Maximum noise level of the clean plate, in levels; above, the camera moved and the plate is not used
+    pub max_noise_level: f32,
+    /// Attenuates contrast that the clean plate also has
     pub attenuation: bool,
-    /// Cost of parting two alike neighbors
+    /// Cost of separating two neighbors of equal color
     pub smoothness: f32,
-    /// Largest say of one pixel's color, as log odds
+    /// Bound of one pixel's color term, as log odds
     pub color_limit: f32,
-    /// Background samples come from this far around the undecided band, in px of a person of 800 px
+    /// Distance around the undecided band that provides background samples, in px of a person of 800 px
     pub sample_reach_px: f64,
-    /// The color models of both sides
+    /// Options of the color models of both sides
     pub color_model: ColorModelOptions,
-    /// Whether the border is unmixed; otherwise the soft mask is the blurred cut
+    /// Unmixes the border; otherwise the soft mask equals the hard one
     pub unmix_border: bool,
 }
 
@@ -47,8 +47,8 @@ impl Default for SceneOptions {
         Self {
             passes: 2,
             shared_models: true,
-            plate: Some(PlateOptions::default()),
-            max_unrest: 12.0,
+            clean_plate: Some(CleanPlateOptions::default()),
+            max_noise_level: 12.0,
             attenuation: true,
             smoothness: 50.0,
             color_limit: 12.0,
@@ -59,45 +59,45 @@ impl Default for SceneOptions {
     }
 }
 
-/// The person in one photo
+/// Segmentation of one photo
 #[derive(Debug, Clone)]
 pub struct SceneMask {
-    /// The soft mask where it is at least one half; one component, large holes open
+    /// The soft mask thresholded at one half; one component, with large holes open
     pub mask: Mask,
-    /// Share of each pixel that is person, 0 to 1
+    /// Fraction of each pixel that is person, 0 to 1
     pub soft: Grid<f32>,
 }
 
-/// What came of a scene
+/// Result of [`segment_scene`]
 #[derive(Debug, Clone)]
 pub struct SceneResult {
-    /// One per view
+    /// One mask per view
     pub masks: Vec<Result<SceneMask, GrabCutError>>,
-    /// Whether a background plate was used, by any view
-    pub plate_used: bool,
+    /// Whether any view used a clean plate
+    pub clean_plate_used: bool,
 }
 
-/// In later passes the plate takes what is this far outside the last mask, in px of a person of 800 px
-const PLATE_MARGIN_PX: f64 = 6.0;
+/// In later passes the clean plate uses pixels this far outside the last mask, in px of a person of 800 px
+const CLEAN_PLATE_MARGIN_PX: f64 = 6.0;
 
-/// In the first pass, odds of less than this leave a pixel in doubt
+/// Minimum absolute log odds of a clear pixel in the first pass
 ///
-/// 160 rendered photos: 6 and 4 give the masks of the graph of all pixels, 3 loses some of them.
-const FIRST_LEAST_ODDS: f32 = 4.0;
+/// 160 rendered photos: 6 and 4 give the same masks as the graph of all pixels, 3 loses some of them.
+const FIRST_MIN_ODDS: f32 = 4.0;
 
-/// The same for later passes, whose odds tell more
+/// The same for later passes, whose odds are more reliable
 ///
-/// 160 rendered photos: 9 gives the masks of the graph of all pixels, 7.5 the same IoUs to four digits; 6 and 4 lose
-/// a poster behind one person.
-const LEAST_ODDS: f32 = 7.5;
+/// 160 rendered photos: 9 gives the same masks as the graph of all pixels, 7.5 the same IoUs to four digits; 6 and 4
+/// lose a poster behind one person.
+const MIN_ODDS: f32 = 7.5;
 
-/// Every so many-th pixel is a sample of the shared models
+/// Sampling interval of the shared models, in pixels
 const SHARED_SAMPLE_STEP: usize = 4;
 
 /// Segments all photos of one scene together
 ///
-/// Views may differ in size; the plate is made of the views of each size apart, and needs two of them. A view that
-/// fails takes no other one down.
+/// Views may differ in size; there is one clean plate per photo size, from at least two views. A failed view does not
+/// affect the others.
 ///
 /// # Source
 /// After C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut, with the background model of J. Sun, W. Zhang,
@@ -134,26 +134,31 @@ pub fn segment_scene(
         .enumerate()
         .map(|(index, state)| {
             let mask = pass.cut(index, &state?, cancelled)?;
-            Ok(finish(&views[index], mask, pass.plates.of(index), options))
+            Ok(finish_mask(
+                &views[index],
+                mask,
+                pass.clean_plates.of(index),
+                options,
+            ))
         })
         .collect();
     SceneResult {
         masks,
-        plate_used: pass.plates.any(),
+        clean_plate_used: pass.clean_plates.any(),
     }
 }
 
-/// What all views are cut by in one pass
+/// Shared inputs of all cuts of one pass
 struct Pass<'a> {
     first: bool,
     views: &'a [SceneView<'a>],
     options: &'a SceneOptions,
-    plates: Plates,
+    clean_plates: CleanPlates,
     models: Models<'a>,
 }
 
 impl<'a> Pass<'a> {
-    /// Learns plates and color models from what the last pass found
+    /// Estimates clean plates and color models from the result of the previous pass
     fn new(
         first: bool,
         views: &'a [SceneView],
@@ -161,14 +166,20 @@ impl<'a> Pass<'a> {
         cells: &'a ColorCells,
         options: &'a SceneOptions,
     ) -> Self {
-        let margin = (!first).then_some(PLATE_MARGIN_PX);
-        let plates = Plates::estimate(views, states, options, margin);
-        let models = Models::fit(views, states, first.then_some(&plates), cells, options);
+        let margin = (!first).then_some(CLEAN_PLATE_MARGIN_PX);
+        let clean_plates = CleanPlates::estimate(views, states, options, margin);
+        let models = Models::fit(
+            views,
+            states,
+            first.then_some(&clean_plates),
+            cells,
+            options,
+        );
         Self {
             first,
             views,
             options,
-            plates,
+            clean_plates,
             models,
         }
     }
@@ -183,27 +194,27 @@ impl<'a> Pass<'a> {
             return Err(GrabCutError::Cancelled);
         }
         let (first, options) = (self.first, self.options);
-        let plate = self.plates.of(index);
+        let clean_plate = self.clean_plates.of(index);
         let evidence = Evidence {
             table: self.models.of(index)?,
-            plate,
+            clean_plate,
             color_limit: options.color_limit,
             mask: (!first).then_some(&state.mask),
-            least_odds: if first { FIRST_LEAST_ODDS } else { LEAST_ODDS },
+            min_odds: if first { FIRST_MIN_ODDS } else { MIN_ODDS },
             contrast: Contrast {
                 smoothness: options.smoothness,
                 beta: state.beta,
-                plate: plate.filter(|_| options.attenuation),
+                clean_plate: clean_plate.filter(|_| options.attenuation),
             },
         };
         Ok(cut_view(&self.views[index], &evidence).unwrap_or_else(|| state.mask.clone()))
     }
 }
 
-/// What changes from pass to pass
+/// State of a view between passes
 struct ViewState {
     mask: Mask,
-    /// Pixels whose colors are samples of the background, when they are not person
+    /// Pixels that provide background samples unless they are person
     sampled: Mask,
     /// See [`contrast_scale`]
     beta: f32,
@@ -217,7 +228,7 @@ impl ViewState {
         }
         let reach = options.sample_reach_px * view.scale;
         let mut band = view.seeds.map(|seed| *seed != Seed::Background);
-        // a view without a band of its own still shows the background around the person
+        // views without undecided pixels still provide samples of the background around the person
         if reach >= 1.0 {
             band = dilate(&band, reach);
         }
@@ -229,14 +240,14 @@ impl ViewState {
     }
 }
 
-/// Background plates, one for each size of the photos
-struct Plates {
-    plates: Vec<BackgroundPlate>,
-    /// For each view its plate
+/// Clean plates, one per photo size
+struct CleanPlates {
+    plates: Vec<CleanPlate>,
+    /// Index of each view's clean plate
     index: Vec<Option<usize>>,
 }
 
-impl Plates {
+impl CleanPlates {
     fn none(count: usize) -> Self {
         Self {
             plates: Vec::new(),
@@ -244,17 +255,17 @@ impl Plates {
         }
     }
 
-    /// `margin`: distance from the masks that is surely background, in px of a person of 800 px; `None`: the seeds
-    /// tell
+    /// `margin`: distance from the masks beyond which pixels are background, in px of a person of 800 px; `None`: as
+    /// given by the seeds
     fn estimate(
         views: &[SceneView],
         states: &[Result<ViewState, GrabCutError>],
         options: &SceneOptions,
         margin: Option<f64>,
     ) -> Self {
-        let mut plates = Self::none(views.len());
-        let Some(plate_options) = options.plate else {
-            return plates;
+        let mut clean_plates = Self::none(views.len());
+        let Some(clean_plate_options) = options.clean_plate else {
+            return clean_plates;
         };
         let mut done = vec![false; views.len()];
         for first in 0..views.len() {
@@ -284,21 +295,21 @@ impl Plates {
                 .zip(&backgrounds)
                 .map(|(&i, background)| (views[i].photo, background))
                 .collect();
-            let Some(plate) = BackgroundPlate::estimate(&group_views, &plate_options) else {
+            let Some(clean_plate) = CleanPlate::estimate(&group_views, &clean_plate_options) else {
                 continue;
             };
-            if plate.unrest() > options.max_unrest {
+            if clean_plate.noise_level() > options.max_noise_level {
                 continue;
             }
             for &i in &group {
-                plates.index[i] = Some(plates.plates.len());
+                clean_plates.index[i] = Some(clean_plates.plates.len());
             }
-            plates.plates.push(plate);
+            clean_plates.plates.push(clean_plate);
         }
-        plates
+        clean_plates
     }
 
-    fn of(&self, view: usize) -> Option<&BackgroundPlate> {
+    fn of(&self, view: usize) -> Option<&CleanPlate> {
         self.index[view].map(|plate| &self.plates[plate])
     }
 
@@ -307,7 +318,7 @@ impl Plates {
     }
 }
 
-/// What is not near the mask, or was background from the start
+/// Returns the pixels that are not near the mask or are background by their seeds
 fn outside(near: &Mask, seeds: &Grid<Seed>) -> Mask {
     let values = near
         .as_slice()
@@ -318,18 +329,18 @@ fn outside(near: &Mask, seeds: &Grid<Seed>) -> Mask {
     Mask::from_vec(near.width(), near.height(), values)
 }
 
-/// One pair of color models for all views, or one for each, as tables
+/// One pair of color models for all views, or one per view, as tables
 enum Models<'a> {
     Shared(Result<ColorTable<'a>, GrabCutError>),
     Own(Vec<Result<ColorTable<'a>, GrabCutError>>),
 }
 
 impl<'a> Models<'a> {
-    /// With `plates`, what they explain is no sample of the person
+    /// With `clean_plates`, background colors are not used as samples of the person
     fn fit(
         views: &[SceneView],
         states: &[Result<ViewState, GrabCutError>],
-        plates: Option<&Plates>,
+        clean_plates: Option<&CleanPlates>,
         cells: &'a ColorCells,
         options: &SceneOptions,
     ) -> Self {
@@ -338,7 +349,11 @@ impl<'a> Models<'a> {
             .zip(states)
             .enumerate()
             .map(|(index, (view, state))| match state {
-                Ok(state) => sample(view, state, plates.and_then(|plates| plates.of(index))),
+                Ok(state) => sample_colors(
+                    view,
+                    state,
+                    clean_plates.and_then(|clean_plates| clean_plates.of(index)),
+                ),
                 Err(_) => [Vec::new(), Vec::new()],
             })
             .collect();
@@ -365,11 +380,11 @@ impl<'a> Models<'a> {
     }
 }
 
-/// Colors of the person, as far as the `plate` does not explain them, and of the background near it
-fn sample(
+/// Samples colors of the person, except those of the `clean_plate`, and of the background near the person
+fn sample_colors(
     view: &SceneView,
     state: &ViewState,
-    plate: Option<&BackgroundPlate>,
+    clean_plate: Option<&CleanPlate>,
 ) -> [Vec<[u8; 3]>; 2] {
     let mut sides = [Vec::new(), Vec::new()];
     let mut met = [0_usize; 2];
@@ -382,7 +397,9 @@ fn sample(
                 (false, false) => continue,
             };
             let taken = met[side].is_multiple_of(SHARED_SAMPLE_STEP)
-                && !(person && plate.is_some_and(|plate| plate.explains(x, y, color)));
+                && !(person
+                    && clean_plate
+                        .is_some_and(|clean_plate| clean_plate.is_background_color(x, y, color)));
             if taken {
                 sides[side].push(color);
             }
@@ -411,10 +428,10 @@ fn fit_pair(
     })
 }
 
-fn finish(
+fn finish_mask(
     view: &SceneView,
     mask: Mask,
-    plate: Option<&BackgroundPlate>,
+    clean_plate: Option<&CleanPlate>,
     options: &SceneOptions,
 ) -> SceneMask {
     let decided = !view.seeds.as_slice().iter().any(|seed| seed.undecided());
@@ -422,8 +439,8 @@ fn finish(
         let soft = mask.map(|&v| if v { 1.0 } else { 0.0 });
         return SceneMask { mask, soft };
     }
-    let mut soft = soft_border(view.photo, &mask, plate, view.scale);
-    let mask = tidy_soft(&mut soft, view.scale);
+    let mut soft = soft_border(view.photo, &mask, clean_plate, view.scale);
+    let mask = clean_soft_mask(&mut soft, view.scale);
     SceneMask { mask, soft }
 }
 
@@ -434,10 +451,10 @@ mod tests {
     const WIDTH: usize = 60;
     const HEIGHT: usize = 60;
 
-    /// Photo, seeds and truth
+    /// Photo, seeds and true mask
     type Example = (Grid<[u8; 3]>, Grid<Seed>, Mask);
 
-    /// A wall with a poster in the person's own color, and a person (an upright bar) at column `at`
+    /// A wall with a poster in the person's color, and a person (an upright bar) at column `at`
     fn view(at: usize, camera_shift: usize) -> Example {
         let truth = Grid::from_fn(WIDTH, HEIGHT, |x, y| {
             (at..at + 10).contains(&x) && (15..55).contains(&y)
@@ -486,32 +503,32 @@ mod tests {
     }
 
     #[test]
-    fn the_plate_tells_the_person_from_a_poster_of_the_same_color() {
+    fn the_clean_plate_separates_the_person_from_a_poster_of_the_same_color() {
         let views: Vec<_> = [3, 12, 36, 47].map(|at| view(at, 0)).into();
-        let (result, with_plate) = run(&views, &SceneOptions::default());
-        assert!(result.plate_used);
-        assert!(with_plate > 0.95, "{with_plate}");
+        let (result, with_clean_plate) = run(&views, &SceneOptions::default());
+        assert!(result.clean_plate_used);
+        assert!(with_clean_plate > 0.95, "{with_clean_plate}");
         let options = SceneOptions {
-            plate: None,
+            clean_plate: None,
             ..SceneOptions::default()
         };
         let (result, without) = run(&views, &options);
         assert!(
-            !result.plate_used && without < with_plate,
-            "{without} {with_plate}"
+            !result.clean_plate_used && without < with_clean_plate,
+            "{without} {with_clean_plate}"
         );
     }
 
     #[test]
-    fn a_moving_camera_gets_no_plate_but_masks() {
+    fn a_moving_camera_gives_masks_without_a_clean_plate() {
         let views: Vec<_> = (0..5).map(|i| view(5 + 9 * i, 3 * i)).collect();
         let (result, worst) = run(&views, &SceneOptions::default());
-        assert!(!result.plate_used);
+        assert!(!result.clean_plate_used);
         assert!(worst > 0.6, "{worst}");
     }
 
     #[test]
-    fn views_of_other_sizes_and_bad_ones_take_no_other_down() {
+    fn views_of_other_sizes_and_failed_ones_do_not_affect_others() {
         let mut views: Vec<_> = [5, 25, 45].map(|at| view(at, 0)).into();
         let (photo, seeds, truth) = view(30, 0);
         views.push((
@@ -526,7 +543,7 @@ mod tests {
     }
 
     #[test]
-    fn decided_views_stay_as_they_are_and_cancelling_stops() {
+    fn decided_views_are_unchanged_and_cancelling_stops() {
         let views: Vec<_> = [5, 25].map(|at| view(at, 0)).into();
         let decided = views[0]
             .2

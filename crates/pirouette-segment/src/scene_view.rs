@@ -4,15 +4,15 @@ use pirouette_geom::Grid;
 
 use crate::seeds::{LogOdds, Seed};
 
-/// One photo with what is known of it beforehand
+/// A photo with prior knowledge per pixel
 #[derive(Debug, Clone, Copy)]
 pub struct SceneView<'a> {
     /// The photo
     pub photo: &'a Grid<[u8; 3]>,
-    /// One per pixel; when nothing is undecided the view only helps the others
+    /// One per pixel; a view without undecided pixels only provides samples for the others
     pub seeds: &'a Grid<Seed>,
-    /// Adds to the log odds of the colors; `None` is even odds everywhere
+    /// Prior log odds, added to those of the colors; `None` is even odds everywhere
     pub prior: Option<&'a Grid<LogOdds>>,
-    /// Height of the person in px over 800; all lengths in px grow with it
+    /// Height of the person in px over 800; scales all lengths in px
     pub scale: f64,
 }

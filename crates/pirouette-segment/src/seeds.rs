@@ -1,37 +1,37 @@
-//! What is known of each pixel before the segmentation.
+//! Prior knowledge per pixel.
 
 use pirouette_geom::{Grid, Mask};
 
-/// What is known of a pixel beforehand
+/// Prior label of a pixel
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[repr(u8)]
 pub enum Seed {
-    /// Surely background; never changes
+    /// Definitely background; never changes
     #[default]
     Background,
-    /// Undecided, background to begin with
+    /// Undecided, initially background
     ProbableBackground,
-    /// Undecided, person to begin with
+    /// Undecided, initially person
     ProbablePerson,
-    /// Surely person; never changes
+    /// Definitely person; never changes
     Person,
 }
 
 impl Seed {
-    /// Whether the segmentation has to decide
+    /// Whether the segmentation decides the label
     pub fn undecided(self) -> bool {
         matches!(self, Seed::ProbableBackground | Seed::ProbablePerson)
     }
 
-    /// Whether it is person to begin with
+    /// Whether the initial label is person
     pub fn person(self) -> bool {
         matches!(self, Seed::ProbablePerson | Seed::Person)
     }
 }
 
-/// Logarithm of the odds that a pixel is person, known before its color is looked at, in one byte
+/// Natural logarithm of the prior odds that a pixel is person, in one byte
 ///
-/// 0 is even odds. Steps of 1/16; beyond +-7.9 it saturates.
+/// 0 is even odds. Resolution 1/16; saturates beyond +-7.9.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct LogOdds(i8);
 
@@ -39,20 +39,20 @@ impl LogOdds {
     /// Steps per unit
     const STEPS: f32 = 16.0;
 
-    /// The nearest value there is; even odds for what is not a number
+    /// Rounds to the nearest representable value; NaN gives even odds
     pub fn new(log_odds: f32) -> Self {
-        // a cast of a float cuts off, saturates and takes NaN to zero
+        // a cast of a float truncates, saturates and maps NaN to zero
         let steps = log_odds * Self::STEPS;
         Self((steps + 0.5_f32.copysign(steps)) as i8)
     }
 
-    /// Natural logarithm of the odds
+    /// Returns the natural logarithm of the odds
     pub fn value(self) -> f32 {
         f32::from(self.0) / Self::STEPS
     }
 }
 
-/// A part of the photo
+/// A rectangle of the photo
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Window {
     pub(crate) x0: usize,
@@ -62,7 +62,7 @@ pub(crate) struct Window {
 }
 
 impl Window {
-    /// The box of a mask, wider by `margin` px on every side as far as the mask's grid reaches
+    /// Returns the bounding box of a mask, extended by `margin` px on every side within the mask's grid
     pub(crate) fn around(mask: &Mask, margin: usize) -> Option<Self> {
         let (x0, y0, x1, y1) = mask.bounding_box()?;
         let (x0, y0) = (x0.saturating_sub(margin), y0.saturating_sub(margin));
@@ -78,17 +78,17 @@ impl Window {
         grid.crop(self.x0, self.y0, self.width, self.height)
     }
 
-    /// Row `y` of the window in a grid of the whole photo
+    /// Returns row `y` of the window in a grid of the size of the photo
     pub(crate) fn row<'a, T>(&self, grid: &'a Grid<T>, y: usize) -> &'a [T] {
         &grid.row(self.y0 + y)[self.x0..self.x0 + self.width]
     }
 
-    /// The same, to change it
+    /// Like [`Self::row`], mutable
     pub(crate) fn row_mut<'a, T>(&self, grid: &'a mut Grid<T>, y: usize) -> &'a mut [T] {
         &mut grid.row_mut(self.y0 + y)[self.x0..self.x0 + self.width]
     }
 
-    /// Puts the window's values into a grid of the whole photo
+    /// Writes the window's values into a grid of the size of the photo
     pub(crate) fn paste<T: Clone>(&self, part: &Grid<T>, grid: &mut Grid<T>) {
         for y in 0..self.height {
             self.row_mut(grid, y).clone_from_slice(part.row(y));

@@ -1,4 +1,4 @@
-//! The cut of one view of a scene: what colors say of each pixel, then a graph of what they leave open.
+//! The cut of one view of a scene: clear pixels are decided by their odds, the others by a graph.
 
 use std::cmp::Ordering;
 
@@ -6,41 +6,41 @@ use pirouette_geom::morphology::dilate;
 use pirouette_geom::{Grid, Mask};
 
 use crate::band::BandCut;
-use crate::border::clean;
+use crate::border::clean_mask;
+use crate::clean_plate::CleanPlate;
 use crate::color_table::ColorTable;
 use crate::links::Contrast;
-use crate::plate::BackgroundPlate;
 use crate::scene_view::SceneView;
 use crate::seeds::{Seed, Window};
 
-/// Share of the plate in the density of the background; the rest is for what moved or throws light
-const PLATE_SHARE: f32 = 0.95;
+/// Weight of the clean plate in the background density; the rest covers moved objects and shadows
+const CLEAN_PLATE_SHARE: f32 = 0.95;
 
-/// A pixel is decided without a graph when nothing this near to it is in doubt, in px of a person of 800 px
+/// Pixels farther than this from all doubtful ones are decided without a graph, in px of a person of 800 px
 ///
 /// 160 rendered photos: 3 and 5 give the same masks as the graph of all pixels.
 const DOUBT_REACH_PX: f64 = 3.0;
 
-/// What one view is cut by
+/// Inputs of the cut of one view
 pub(crate) struct Evidence<'a> {
     pub(crate) table: &'a ColorTable<'a>,
-    pub(crate) plate: Option<&'a BackgroundPlate>,
-    /// Largest say of one pixel's color, as log odds
+    pub(crate) clean_plate: Option<&'a CleanPlate>,
+    /// Bound of one pixel's color term, as log odds
     pub(crate) color_limit: f32,
-    /// What the mask is taken to be; `None`: what each pixel's odds say
+    /// Expected mask; `None`: the sign of each pixel's odds
     pub(crate) mask: Option<&'a Mask>,
-    /// Odds that do not support the mask by at least this leave a pixel in doubt
-    pub(crate) least_odds: f32,
+    /// Pixels whose odds support the mask by less than this are doubtful
+    pub(crate) min_odds: f32,
     pub(crate) contrast: Contrast<'a>,
 }
 
 /// Cuts one view; `None` when its seeds decide all pixels
 pub(crate) fn cut_view(view: &SceneView, evidence: &Evidence) -> Option<Mask> {
     let undecided = view.seeds.map(|seed| seed.undecided());
-    // neighbors of undecided pixels take part in the border
+    // neighbors of undecided pixels are part of the border
     let window = Window::around(&undecided, 1)?;
     let odds = color_odds(view, window, evidence);
-    let seeds = narrow(view, window, &odds, evidence);
+    let seeds = decide_clear_pixels(view, window, &odds, evidence);
     let mut band = BandCut::new(view.photo, &seeds, evidence.contrast);
     let open: Vec<f32> = band
         .pixels()
@@ -48,11 +48,11 @@ pub(crate) fn cut_view(view: &SceneView, evidence: &Evidence) -> Option<Mask> {
         .map(|&(x, y)| odds[(x as usize - window.x0, y as usize - window.y0)])
         .collect();
     band.solve(&open);
-    Some(clean(&band.mask(&seeds), view.scale))
+    Some(clean_mask(&band.mask(&seeds), view.scale))
 }
 
-/// How much likelier each undecided pixel of a window is person than background, by its color and by the prior; 0 for
-/// decided ones
+/// Computes the log odds of person against background for each undecided pixel of a window, from its color and the
+/// prior; 0 for decided pixels
 fn color_odds(view: &SceneView, window: Window, evidence: &Evidence) -> Grid<f32> {
     let mut odds = Grid::filled(window.width, window.height, 0.0_f32);
     let mut background = Vec::new();
@@ -60,10 +60,10 @@ fn color_odds(view: &SceneView, window: Window, evidence: &Evidence) -> Grid<f32
     for y in 0..window.height {
         let (seeds, photo) = (window.row(view.seeds, y), window.row(view.photo, y));
         let mut start = 0;
-        for stretch in seeds.chunk_by(|a, b| a.undecided() == b.undecided()) {
-            let columns = start..start + stretch.len();
+        for run in seeds.chunk_by(|a, b| a.undecided() == b.undecided()) {
+            let columns = start..start + run.len();
             start = columns.end;
-            if !stretch[0].undecided() {
+            if !run[0].undecided() {
                 continue;
             }
             let colors = &photo[columns.clone()];
@@ -73,9 +73,9 @@ fn color_odds(view: &SceneView, window: Window, evidence: &Evidence) -> Grid<f32
             {
                 [*person, *background] = evidence.table.log_densities(color);
             }
-            if let Some(plate) = evidence.plate {
+            if let Some(clean_plate) = evidence.clean_plate {
                 let at = (window.x0 + columns.start, window.y0 + y);
-                plate.mix_into(at, colors, PLATE_SHARE, &mut background);
+                clean_plate.mix_into(at, colors, CLEAN_PLATE_SHARE, &mut background);
             }
             for (odds, background) in odds.iter_mut().zip(&background) {
                 *odds = (*odds - background).clamp(-limit, limit);
@@ -91,17 +91,22 @@ fn color_odds(view: &SceneView, window: Window, evidence: &Evidence) -> Grid<f32
     odds
 }
 
-/// Seeds with the undecided pixels decided that are far from the border of the mask and from all doubt
+/// Decides the undecided pixels that are far from the border of the mask and from all doubtful pixels
 ///
-/// A graph of all pixels would hardly ever decide otherwise: an area without doubt that changes its side pays the
-/// least odds for each pixel, and saves no more than its outline.
-fn narrow(view: &SceneView, window: Window, odds: &Grid<f32>, evidence: &Evidence) -> Grid<Seed> {
+/// A graph of all pixels would almost never decide differently: to relabel an area without doubtful pixels costs at
+/// least the minimum odds per pixel, and saves at most its outline.
+fn decide_clear_pixels(
+    view: &SceneView,
+    window: Window,
+    odds: &Grid<f32>,
+    evidence: &Evidence,
+) -> Grid<Seed> {
     let likelier;
     let mask = match evidence.mask {
         Some(mask) => window.crop(mask),
         None => {
             likelier = odds.map(|&odds| odds > 0.0);
-            decided_by_seeds(view, window, likelier)
+            apply_seeds(view, window, likelier)
         }
     };
     let mut doubt = Mask::filled(window.width, window.height, false);
@@ -120,7 +125,7 @@ fn narrow(view: &SceneView, window: Window, odds: &Grid<f32>, evidence: &Evidenc
             let support = if person { odds } else { -odds };
             let unsure = seed.undecided()
                 && support
-                    .partial_cmp(&evidence.least_odds)
+                    .partial_cmp(&evidence.min_odds)
                     .is_none_or(Ordering::is_lt);
             *doubt = unsure || person != *below || person != *right;
         }
@@ -143,8 +148,8 @@ fn narrow(view: &SceneView, window: Window, odds: &Grid<f32>, evidence: &Evidenc
     seeds
 }
 
-/// A mask of a window with decided pixels as the seeds have them
-fn decided_by_seeds(view: &SceneView, window: Window, mut mask: Mask) -> Mask {
+/// Sets the decided pixels of a window's mask to the labels of their seeds
+fn apply_seeds(view: &SceneView, window: Window, mut mask: Mask) -> Mask {
     for y in 0..window.height {
         for (person, seed) in mask.row_mut(y).iter_mut().zip(window.row(view.seeds, y)) {
             *person = match seed {

@@ -31,7 +31,7 @@ const VARIANTS: [(&str, LeaveOut); 7] = [
     ("color models shared by all photos", |o| {
         o.shared_models = false
     }),
-    ("background plate", |o| o.plate = false),
+    ("background plate", |o| o.clean_plate = false),
     ("border in fractions of a pixel", |o| o.alpha = false),
     (
         "all of it: each photo from bones alone, as published",
@@ -40,7 +40,7 @@ const VARIANTS: [(&str, LeaveOut); 7] = [
                 prior: false,
                 soft_prior: false,
                 shared_models: false,
-                plate: false,
+                clean_plate: false,
                 attenuation: false,
                 alpha: false,
                 single: true,

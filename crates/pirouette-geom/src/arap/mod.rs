@@ -1,9 +1,9 @@
 //! As-rigid-as-possible deformation of planar meshes.
 //!
-//! Some vertices are constrained: handles go to their targets, anchors are handles whose target is their rest
-//! position. All others follow such that the star of each vertex moves as rigidly as possible. The
-//! matrix is factored once per choice of constrained vertices; each deformation alternates rotations in closed
-//! form with one solve.
+//! Some vertices are constrained: handles move to their targets, anchors are handles whose target is their rest
+//! position. All others follow such that the star of each vertex moves as rigidly as possible. The matrix is
+//! factorized once per set of constrained vertices; each deformation alternates rotations in closed form with one
+//! solve.
 //!
 //! The energy never grows from round to round, but it may have several minima: handles that turn by more than
 //! about half a turn against each other can fold the mesh.
@@ -14,14 +14,14 @@ use crate::planar_mesh::PlanarMesh;
 use crate::sparse::Cholesky;
 use crate::tri_mesh::TriMesh;
 
-/// Triangles flatter than this (area over squared longest edge) count as equilateral
+/// Triangles with area over squared longest edge below this count as equilateral
 ///
-/// Cotangents of such angles reach a million; much beyond, they drown the rest of the mesh in rounding.
+/// Cotangents of such angles reach a million; much larger ones would lose the rest of the mesh to rounding.
 const FLATTEST: f64 = 1e-6;
 
-/// Edge weights that may not be negative are at least this
+/// Lower bound of edge weights that may not be negative
 ///
-/// Not zero, so that every part hangs together; small enough not to be felt.
+/// Not zero, so that every part stays connected; too small to affect the result.
 const MIN_WEIGHT: f64 = 1e-6;
 
 /// Cotangent of 60 degrees
@@ -30,16 +30,16 @@ const EQUILATERAL_COTANGENT: f64 = 0.577_350_269_189_625_8;
 /// When to stop, and where to start
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArapOptions {
-    /// Most rounds of rotations and solve; more come closer to the minimum
+    /// Maximum number of rounds (rotations, then solve); more come closer to the minimum
     pub rounds: usize,
-    /// Stop when no vertex moves by more than this in a round, in px; 0 does all rounds
+    /// Stops when no vertex moves farther than this in a round, in px; 0 runs all rounds
     pub tolerance: f64,
     /// Positions before the first round
     pub start: ArapStart,
 }
 
 impl Default for ArapOptions {
-    /// 30 rounds, or until nothing moves by a thousandth of a pixel
+    /// 30 rounds, or until no vertex moves by a thousandth of a pixel
     fn default() -> Self {
         Self {
             rounds: 30,
@@ -50,7 +50,7 @@ impl Default for ArapOptions {
 }
 
 impl ArapOptions {
-    /// On to the minimum, to about a ten-thousandth of a pixel, instead of until nothing is visible
+    /// Converges to about a ten-thousandth of a pixel from the minimum, instead of to changes that are invisible
     pub fn precise() -> Self {
         Self {
             rounds: 5000,
@@ -63,32 +63,32 @@ impl ArapOptions {
 /// Positions of the free vertices before the first round
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ArapStart {
-    /// Each connected part moved by the rigid motion that fits its handles best
+    /// Each connected part moved by the rigid motion that best fits its handles
     ///
-    /// Handles that move rigidly carry their part along exactly.
+    /// Handles that move rigidly move their part along exactly.
     #[default]
     Rigid,
     /// The rest positions
     Rest,
 }
 
-/// What becomes of edges with negative cotangent weight: boundary edges opposite an obtuse angle, above all
+/// Treatment of edges with negative cotangent weight, which are mostly boundary edges opposite an obtuse angle
 ///
-/// A star of such edges gains energy by turning around, so that the rest mesh may not be its own best deformation.
+/// A star of such edges gains energy by turning around, so that the rest mesh may not be its own optimal deformation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ArapWeights {
-    /// Negative weights count as (almost) zero: robust with thin triangles
+    /// Negative weights are raised to (almost) zero: robust with thin triangles
     #[default]
     NonNegative,
-    /// Negative weights stay, but for stars that would turn around at rest: the energy as published, on any mesh
-    /// without extreme triangles
+    /// Negative weights are kept, except in stars that would turn around at rest: the energy as published, on any
+    /// mesh without extreme triangles
     Cotangent,
 }
 
 /// Why a mesh cannot be deformed
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ArapError {
-    /// A triangle or constraint names a vertex that does not exist
+    /// A triangle or constraint refers to a vertex that does not exist
     #[error("vertex {vertex} does not exist: the mesh has {vertex_count}")]
     MissingVertex {
         /// The vertex
@@ -116,8 +116,8 @@ pub enum ArapError {
     /// The mesh has no vertices to move
     #[error("the mesh has no vertices")]
     EmptyMesh,
-    /// The system of equations could not be factored: out of memory, or coordinates too large
-    #[error("the system of {size} equations could not be factored")]
+    /// The system of equations could not be factorized: out of memory, or coordinates too large
+    #[error("the system of {size} equations could not be factorized")]
     Factorization {
         /// Number of free vertices
         size: usize,
@@ -133,18 +133,18 @@ struct Spoke {
     rest: DVec2,
 }
 
-/// What happens to a vertex
+/// Role of a vertex in the system
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
-    /// Row of the system
+    /// Unknown, with its row of the system
     Free(u32),
-    /// Goes to its target
+    /// Fixed at its target
     Constrained,
-    /// Belongs to a part without handles and stays
+    /// Fixed at rest: its part has no handles
     Idle,
 }
 
-/// A mesh prepared for deformation by a fixed choice of handles and anchors
+/// A mesh prepared for deformation with a fixed set of handles and anchors
 pub struct ArapSolver {
     rest: Vec<DVec2>,
     spokes: Vec<Spoke>,
@@ -173,34 +173,33 @@ impl std::fmt::Debug for ArapSolver {
 pub struct Deformation {
     /// One point per vertex, in px
     pub positions: Vec<DVec2>,
-    /// How the surroundings of each vertex turned: cosine and sine
+    /// Rotation of the star of each vertex: cosine and sine
     pub rotations: Vec<DVec2>,
-    /// Rounds done
+    /// Rounds computed
     pub rounds: usize,
-    /// Whether the last round moved nothing by more than the tolerance
+    /// Whether no vertex moved farther than the tolerance in the last round
     pub converged: bool,
     /// The energy of the result, in square px
     pub energy: f64,
 }
 
 impl ArapSolver {
-    /// Prepares the mesh and factors the system; `constrained` lists the vertices whose targets are given later
+    /// Prepares the mesh and factorizes the system; `constrained` lists the vertices whose targets are given later
     ///
-    /// Connected parts of the mesh without constrained vertices stay where they are. Degenerate triangles hold
-    /// together like equilateral ones.
+    /// Connected parts without constrained vertices do not move. Degenerate triangles are treated as equilateral ones.
     ///
     /// # Errors
     /// When a vertex does not exist or is constrained twice, or a coordinate is not finite.
     ///
     /// # Source
     /// Sorkine & Alexa 2007, "As-rigid-as-possible surface modeling", in the plane: energy over the spokes of each
-    /// vertex (eq. 3) with cotangent weights. Two things differ: negative weights are raised to (almost) zero,
-    /// and the local step needs no singular values, because a rotation in the plane is one angle.
+    /// vertex (eq. 3) with cotangent weights. Two differences: negative weights are raised to (almost) zero, and the
+    /// local step needs no singular value decomposition, because a rotation in the plane is one angle.
     pub fn new(rest: &PlanarMesh, constrained: &[u32]) -> Result<Self, ArapError> {
         Self::with_weights(rest, constrained, ArapWeights::NonNegative)
     }
 
-    /// Prepares the mesh like [`ArapSolver::new`], with a choice of weights
+    /// Like [`ArapSolver::new`], with a choice of weights
     ///
     /// # Errors
     /// As [`ArapSolver::new`].
@@ -271,10 +270,10 @@ impl ArapSolver {
         })
     }
 
-    /// Moves the constrained vertices to `targets` (in px, same order) and lets the others follow
+    /// Moves the constrained vertices to `targets` (in px, same order) and solves for the others
     ///
     /// # Panics
-    /// When there is not one target per constrained vertex.
+    /// When the number of targets differs from that of constrained vertices.
     pub fn deform(&self, targets: &[DVec2], options: &ArapOptions) -> Deformation {
         assert_eq!(
             targets.len(),
@@ -321,7 +320,7 @@ impl ArapSolver {
         &self.spokes[self.first_spoke[vertex]..self.first_spoke[vertex + 1]]
     }
 
-    /// The rotation of each star that fits the positions best; unchanged where any fits
+    /// Fits a rotation to each star; keeps the previous one where all fit equally well
     fn fit_rotations(&self, positions: &[DVec2], rotations: &mut [DVec2]) {
         for (v, rotation) in rotations.iter_mut().enumerate() {
             let mut sum = DVec2::ZERO;
@@ -360,7 +359,7 @@ impl ArapSolver {
             .sum()
     }
 
-    /// Moves each part by the rigid motion that takes its constrained vertices nearest to their targets
+    /// Moves each part by the rigid motion that brings its constrained vertices closest to their targets
     fn start_rigid(&self, targets: &[DVec2]) -> Vec<DVec2> {
         #[derive(Clone, Copy, Default)]
         struct Fit {
@@ -405,7 +404,7 @@ impl ArapSolver {
     }
 }
 
-/// Neighbors of all vertices with their cotangent weights
+/// Returns the neighbors of all vertices with their cotangent weights
 fn spokes(mesh: &PlanarMesh) -> (Vec<Spoke>, Vec<usize>) {
     let mut edges: Vec<(u32, u32, f64)> = Vec::with_capacity(mesh.triangles.len() * 6);
     for &triangle in &mesh.triangles {
@@ -438,7 +437,7 @@ fn spokes(mesh: &PlanarMesh) -> (Vec<Spoke>, Vec<usize>) {
     (spokes, first_spoke)
 }
 
-/// Raises negative weights, as far as the choice asks for
+/// Raises negative weights according to `weights`
 fn raise_weights(spokes: &mut [Spoke], first_spoke: &[usize], weights: ArapWeights) {
     let vertex_count = first_spoke.len() - 1;
     let stars: Vec<std::ops::Range<usize>> = (0..vertex_count)
@@ -456,7 +455,7 @@ fn raise_weights(spokes: &mut [Spoke], first_spoke: &[usize], weights: ArapWeigh
         .collect();
     for (v, star) in stars.into_iter().enumerate() {
         for spoke in &mut spokes[star] {
-            // both directions of an edge alike, else the system is not symmetric
+            // both directions of an edge alike; otherwise the system would not be symmetric
             if turns_around[v] || turns_around[spoke.to as usize] {
                 spoke.weight = spoke.weight.max(MIN_WEIGHT);
             }
@@ -464,7 +463,7 @@ fn raise_weights(spokes: &mut [Spoke], first_spoke: &[usize], weights: ArapWeigh
     }
 }
 
-/// Cotangents of the three angles, whichever way the triangle is oriented
+/// Returns the cotangents of the three angles, for either orientation of the triangle
 fn cotangents(corners: [DVec2; 3]) -> [f64; 3] {
     let [a, b, c] = corners;
     let doubled_area = (b - a).perp_dot(c - a).abs();
@@ -483,7 +482,7 @@ fn cotangents(corners: [DVec2; 3]) -> [f64; 3] {
     }
 }
 
-/// Number of the connected part of each vertex
+/// Returns the index of each vertex's connected part
 fn connected_parts(spokes: &[Spoke], first_spoke: &[usize]) -> Vec<u32> {
     let vertex_count = first_spoke.len() - 1;
     let mut parts: Vec<Option<u32>> = vec![None; vertex_count];
@@ -508,10 +507,10 @@ fn connected_parts(spokes: &[Spoke], first_spoke: &[usize]) -> Vec<u32> {
     parts.into_iter().map(|p| p.unwrap_or(0)).collect()
 }
 
-/// Deforms a mesh that lies in the xy plane: the vertices nearest to `sources` go to `targets`
+/// Deforms a mesh in the xy plane: the vertices nearest to `sources` move to `targets`
 ///
-/// z is kept as it is. Sources that share their nearest vertex pull it to the mean of their targets. Distances
-/// are those in the xy plane; units are the mesh's own. The weights are [`ArapWeights::Cotangent`].
+/// z is unchanged. Sources that share their nearest vertex move it to the mean of their targets. Distances are
+/// measured in the xy plane, in the unit of the mesh. The weights are [`ArapWeights::Cotangent`].
 ///
 /// # Errors
 /// When the numbers of points differ, the mesh is empty, or a coordinate is not finite.

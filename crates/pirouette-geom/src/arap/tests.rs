@@ -1,7 +1,7 @@
 use super::*;
 use proptest::prelude::*;
 
-/// A `columns` x `rows` board of squares, each cut in two, with corners shaken
+/// A `columns` x `rows` board of squares, each split in two triangles, with randomly displaced corners
 fn board(columns: u32, rows: u32, shake: f64) -> PlanarMesh {
     let positions = (0..=rows)
         .flat_map(|y| (0..=columns).map(move |x| (x, y)))
@@ -33,7 +33,7 @@ fn farthest(a: &[DVec2], b: &[DVec2]) -> f64 {
         .fold(0.0, |m, d| if d > m || d.is_nan() { d } else { m })
 }
 
-/// Slow and obvious: full matrices, Gaussian elimination, rotations by trying angles around the best
+/// Slow reference: full matrices, Gaussian elimination, rotations by a search over angles
 fn deform_reference(
     mesh: &PlanarMesh,
     constrained: &[u32],
@@ -76,7 +76,7 @@ fn deform_reference(
                 f64::atan2(sin, cos)
             })
             .collect();
-        // rows: weights, then right side x and y
+        // rows: weights, then right-hand side x and y
         let mut system = vec![vec![0.0; n + 2]; n];
         for i in 0..n {
             if let Some(k) = fixed(i) {
@@ -135,7 +135,7 @@ fn rest_targets_give_the_rest_mesh() {
 }
 
 #[test]
-fn sheared_handles_bend_the_board_as_the_dense_twin_does() {
+fn sheared_handles_bend_the_board_as_the_reference_does() {
     let mesh = board(6, 3, 2.5);
     let constrained = [0, 7, 14, 21, 6, 13, 20, 27];
     let targets: Vec<DVec2> = constrained
@@ -168,8 +168,8 @@ fn sheared_handles_bend_the_board_as_the_dense_twin_does() {
 }
 
 #[test]
-fn a_thin_triangle_at_the_rim_does_not_turn_around() {
-    // opposite its long side the angle is 150 degrees
+fn a_thin_boundary_triangle_does_not_turn_around() {
+    // the angle opposite its long side is 150 degrees
     let mesh = PlanarMesh {
         positions: [(0., 0.), (10., 0.), (10., 10.), (0., 10.), (5., 11.34)]
             .map(|(x, y)| DVec2::new(x, y))
@@ -186,7 +186,7 @@ fn a_thin_triangle_at_the_rim_does_not_turn_around() {
 }
 
 #[test]
-fn energy_never_grows() {
+fn energy_never_increases() {
     let mesh = board(6, 3, 2.5);
     let solver = ArapSolver::new(&mesh, &[0, 3, 27]).unwrap();
     let targets = [
@@ -208,7 +208,7 @@ fn energy_never_grows() {
 }
 
 #[test]
-fn parts_without_handles_stay_and_parts_with_one_move_along() {
+fn parts_without_handles_are_fixed_and_parts_with_one_are_translated() {
     let mut mesh = board(2, 2, 1.0);
     let first = mesh.positions.len();
     for _ in 0..2 {
@@ -233,7 +233,7 @@ fn parts_without_handles_stay_and_parts_with_one_move_along() {
 }
 
 #[test]
-fn degenerate_triangles_and_loose_vertices_do_no_harm() {
+fn degenerate_triangles_and_isolated_vertices_are_handled() {
     let mut mesh = board(3, 2, 0.0);
     let flat = mesh.positions.len() as u32;
     mesh.positions.push(DVec2::new(5.0, 0.0));
@@ -248,7 +248,7 @@ fn degenerate_triangles_and_loose_vertices_do_no_harm() {
 }
 
 #[test]
-fn bad_input_is_named() {
+fn invalid_input_is_reported() {
     let mesh = board(1, 1, 0.0);
     let missing = ArapError::MissingVertex {
         vertex: 4,
@@ -267,7 +267,7 @@ fn bad_input_is_named() {
 }
 
 #[test]
-fn points_snap_to_the_nearest_vertex_and_keep_their_height() {
+fn points_snap_to_the_nearest_vertex_and_keep_z() {
     let flat = board(2, 2, 0.0);
     let mesh = TriMesh {
         positions: flat.positions.iter().map(|p| p.extend(p.x / 2.0)).collect(),
@@ -291,7 +291,7 @@ fn points_snap_to_the_nearest_vertex_and_keep_their_height() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 4))]
     #[test]
-    fn a_rigid_motion_of_the_handles_moves_all_rigidly(
+    fn a_rigid_motion_of_the_handles_moves_the_mesh_rigidly(
         turn in -3.1..3.1f64,
         shift in prop::array::uniform2(-300.0..300.0f64),
         handles in prop::collection::btree_set(0u32..20, 2..8),

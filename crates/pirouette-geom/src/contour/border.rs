@@ -1,4 +1,4 @@
-//! Border following: every outer border and every hole border of a mask, with what contains what.
+//! Border following: every outer border and every hole border of a mask, with their nesting.
 
 use glam::DVec2;
 
@@ -8,19 +8,18 @@ use crate::Mask;
 /// A followed border and the border around it
 #[derive(Debug, Clone, PartialEq)]
 pub struct Border {
-    /// Its pixels, through their centers; a hole's border runs on the pixels around the hole
+    /// Its pixels, through their centers; the border of a hole consists of the pixels around the hole
     pub contour: Contour,
-    /// Index of the border right around this one: of a hole its outer border, of an outer border the hole
-    /// that it lies in, if any
+    /// Index of the directly enclosing border: the outer border of a hole, or the hole that an outer border lies in,
+    /// if any
     pub parent: Option<usize>,
 }
 
-/// Follows all outer and hole borders of a mask, through the centers of the border pixels
+/// Traces all outer and hole borders of a mask, through the centers of the border pixels
 ///
-/// Pixels that share an edge or a corner are connected. Every border pixel is a point; a one-pixel bridge
-/// is walked along both of its sides, so its pixels come twice, and a lone pixel is a contour of one point.
-/// Shapes that touch the image border are closed along it. In the order in which rows from the top first
-/// meet them.
+/// Pixels that share an edge or a corner are connected. Every border pixel is a point; a one-pixel bridge is followed
+/// along both of its sides, so its pixels occur twice, and a single pixel is a contour of one point. Shapes that touch
+/// the image border are closed along it. Contours are in reading order of their first pixel.
 ///
 /// # Examples
 /// ```
@@ -34,11 +33,11 @@ pub fn trace_contours(mask: &Mask) -> Vec<Contour> {
     trace_borders(mask).into_iter().map(|b| b.contour).collect()
 }
 
-/// Follows all borders as [`trace_contours`] does, and tells which border contains which
+/// Traces all borders like [`trace_contours`], with the border that contains each
 ///
 /// # Source
 /// S. Suzuki, K. Abe 1985, "Topological structural analysis of digitized binary images by border
-/// following", algorithm 1; walked the other way round, so that outer borders have positive area.
+/// following", algorithm 1; in the opposite direction, so that outer borders have positive area.
 pub fn trace_borders(mask: &Mask) -> Vec<Border> {
     let mut field = Field::new(mask);
     let mut borders: Vec<Border> = Vec::new();
@@ -57,7 +56,7 @@ pub fn trace_borders(mask: &Mask) -> Vec<Border> {
                 while changes != 0 {
                     let at = word + changes.trailing_zeros() as usize / 8;
                     changes &= changes - 1;
-                    // At the first pixel of a run, or the first one behind it
+                    // The first pixel of a run, or the first one behind it
                     let hole = field.labels[at] == 0;
                     let from = if hole { at - 1 } else { at };
                     let starts = if hole {
@@ -85,17 +84,17 @@ pub fn trace_borders(mask: &Mask) -> Vec<Border> {
 /// Pixels of one word
 const WORD: usize = 8;
 
-/// Pixels of a block, which is looked at as a whole
+/// Pixels of a block, which is tested as a unit
 const BLOCK: usize = 4 * WORD;
 
-/// Labels: outside is 0, and all pixels inside have this bit
+/// Labels: outside is 0, and all pixels inside have this bit set
 const UNVISITED: u8 = 1;
-/// A border passed, with inside on its right
+/// Passed by a border with inside on its right
 const OPEN: u8 = 3;
-/// A border passed, with outside on its right: the scan starts no hole there
+/// Passed by a border with outside on its right: no hole border starts there
 const CLOSED: u8 = 4;
 
-/// Parent of a new border, given the one met last in its row (table 1 of the paper)
+/// Returns the parent of a new border, given the last border in its row (table 1 of the paper)
 fn parent_of(borders: &[Border], last: Option<u32>, hole: bool) -> Option<usize> {
     let last = last? as usize;
     if borders[last].contour.hole == hole {
@@ -105,26 +104,26 @@ fn parent_of(borders: &[Border], last: Option<u32>, hole: bool) -> Option<usize>
     }
 }
 
-/// Which border passed a pixel
+/// A border that passed a pixel
 struct Mark {
     at: usize,
     border: u32,
-    /// The mark before it in the same row
+    /// Index of the previous mark in the same row
     before: Option<u32>,
 }
 
-/// The mask with a frame of outside, and on its border pixels what passed there
+/// The mask with a frame of outside pixels, and labels of the borders that passed its pixels
 ///
-/// One byte per pixel, so that rows are scanned quickly. Which border it was is asked for new borders only, and kept in
-/// lists per row.
+/// One byte per pixel, for fast row scans. The index of a border is needed only for new borders and is stored in lists
+/// per row.
 struct Field {
     labels: Vec<u8>,
-    /// Bytes of a row: whole blocks
+    /// Bytes per row: full blocks
     stride: usize,
     marks: Vec<Mark>,
-    /// The last mark of each row
+    /// Last mark of each row
     last_mark: Vec<Option<u32>>,
-    /// Offsets to the eight neighbors, clockwise on screen, starting to the right
+    /// Offsets to the eight neighbors, clockwise on screen, starting at the right
     around: [isize; 8],
 }
 
@@ -149,7 +148,7 @@ impl Field {
         }
     }
 
-    /// Whether a pixel is inside, for each of a word: the lowest bit of its byte
+    /// Returns the lowest bit of the byte of each inside pixel of a word
     fn inside_bits(&self, word: usize) -> u64 {
         const LOWEST: u64 = u64::from_le_bytes([UNVISITED; WORD]);
         let mut bytes = [0; WORD];
@@ -157,7 +156,7 @@ impl Field {
         u64::from_le_bytes(bytes) & LOWEST
     }
 
-    /// Whether a block is all inside, or all outside, as the pixel before it
+    /// Whether a block is all inside or all outside, like the pixel before it
     fn uniform(&self, block: usize, carried: u64) -> bool {
         let before = carried as u8;
         let labels = &self.labels[block..block + BLOCK];
@@ -167,9 +166,7 @@ impl Field {
             == 0
     }
 
-    /// The border that passed last in a row, up to `at`
-    ///
-    /// Of the pixels left of `at`, and itself, it is the nearest one that a border passed.
+    /// Returns the border of the last marked pixel of a row, up to and including `at`
     fn border_before(&self, at: usize, row: usize, y: usize) -> Option<u32> {
         let labels = &self.labels[row..=at];
         let nearest = row + labels.iter().rposition(|&label| label > UNVISITED)?;
@@ -190,14 +187,14 @@ impl Field {
         self.marks.push(Mark { at, border, before });
     }
 
-    /// Follows the border that passes between the pixels `start` and `outside`, and marks it
+    /// Follows the border between the pixels `start` and `outside`, and marks it
     fn follow(&mut self, start: usize, outside: usize, border: u32) -> Vec<DVec2> {
         let around = self.around;
         let neighbor = |at: usize, direction: usize| at.wrapping_add_signed(around[direction]);
         let (mut x, mut y) = (start % self.stride - 1, start / self.stride - 1);
         let center = |x: usize, y: usize| DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
         let out_direction = if outside > start { RIGHT } else { LEFT };
-        // The last pixel of the walk: the first one met turning clockwise from outside
+        // Last pixel of the border: the first one inside when turning clockwise from outside
         let last_direction = (1..8)
             .map(|turn| (out_direction + turn) % 8)
             .find(|&d| self.labels[neighbor(start, d)] != 0);
@@ -210,7 +207,7 @@ impl Field {
         let mut at = start;
         let mut back = last_direction;
         loop {
-            // Turn counterclockwise from where we came to the next pixel inside
+            // Turn counterclockwise from the previous pixel to the next pixel inside
             let mut direction = back;
             let mut passed_right = false;
             let next = loop {
@@ -221,7 +218,7 @@ impl Field {
                 }
                 passed_right |= direction == RIGHT;
             };
-            // The scan must not start on this border again
+            // Prevents the scan from starting on this border again
             if passed_right {
                 self.mark(at, y, OPEN | CLOSED, border);
             } else if self.labels[at] == UNVISITED {
@@ -236,13 +233,13 @@ impl Field {
             x = x.wrapping_add_signed(STEPS[direction].0);
             y = y.wrapping_add_signed(STEPS[direction].1);
         }
-        // The walk keeps outside on its right; contours have inside on theirs
+        // The border was followed with outside on its right; contours have inside on theirs
         points[1..].reverse();
         points
     }
 }
 
-/// Steps to the eight neighbors, clockwise on screen, starting to the right
+/// Steps to the eight neighbors, clockwise on screen, starting at the right
 const STEPS: [(isize, isize); 8] = [
     (1, 0),
     (1, 1),
@@ -275,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lone_pixel_is_a_point() {
+    fn a_single_pixel_is_a_point() {
         let borders = traced("#");
         assert_eq!(borders[0].contour.points, [DVec2::new(0.5, 0.5)]);
         assert!(!borders[0].contour.hole);
@@ -290,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn bridges_are_walked_on_both_sides() {
+    fn bridges_are_followed_on_both_sides() {
         assert_eq!(counts("##...## ####### ##...##"), [(16, false, None)]);
     }
 
@@ -333,8 +330,8 @@ mod tests {
             let mask = Mask::from_fn(width, height, |x, y| bits[y * 12 + x]);
             let borders = trace_borders(&mask);
 
-            // One hole border per part of the outside that does not reach the image border: seen with one
-            // more ring of outside, all parts but one
+            // One hole border per component of the outside, except the one outside of the image border: counted
+            // with an additional ring of outside
             let ring = Mask::from_fn(width + 2, height + 2, |x, y| {
                 mask.get(x as isize - 1, y as isize - 1) != Some(&true)
             });
@@ -358,7 +355,7 @@ mod tests {
                 }
             }
 
-            // Every pixel inside with an outside neighbor along an edge is on a border, no other is
+            // Exactly the inside pixels with an outside neighbor along an edge are on a border
             for y in 0..height {
                 for x in 0..width {
                     let (i, j) = (x as isize, y as isize);

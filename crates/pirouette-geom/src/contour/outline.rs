@@ -5,21 +5,21 @@ use glam::DVec2;
 use super::Contour;
 use crate::{Grid, Windowed};
 
-/// Loop points keep this distance from pixel centers, in px
+/// Minimum distance of loop points from pixel centers, in px
 ///
-/// A value exactly at the level would otherwise put several points on one pixel center, where loops touch.
+/// A value exactly at the level would otherwise put several points on one pixel center, where loops would touch.
 const MIN_OFFSET: f64 = 1.0 / 1024.0;
 
-/// Value of the ring around the image: outside at every level
+/// Value of the ring around the image: outside for every level
 const BEYOND: f32 = f32::NEG_INFINITY;
 
 /// Traces the loops between values of at least `level` (inside) and values below (outside)
 ///
-/// Values belong to pixel centers and change linearly between neighbors. A shape that reaches the image
-/// border is closed along that border. Where two shapes meet corner to corner, the mean of the four values
-/// decides whether they join. Not-a-number is outside. Loops are simple and never touch each other; outer
-/// loops and holes alternate from the outside in. In the order in which rows from the top first meet them.
-/// Of a polygon's coverage, the outline at 0.5 stays within 0.1 px of smooth parts, without bias.
+/// Values belong to pixel centers and change linearly between neighbors. Shapes that reach the image border are
+/// closed along it. Where two shapes meet corner to corner, they are joined if the mean of the four values is inside.
+/// NaN is outside. Loops are simple and never touch each other; outer loops and holes alternate from the outside in.
+/// Loops are in reading order of their first pixel. For the coverage of a polygon, the outline at 0.5 stays within
+/// 0.1 px of smooth parts, without bias.
 ///
 /// # Source
 /// W. Lorensen, H. Cline 1987, "Marching cubes", in the plane; G. Nielson, B. Hamann 1991, "The asymptotic
@@ -37,9 +37,9 @@ pub fn trace_outline(values: &Grid<f32>, level: f32) -> Vec<Contour> {
     trace_part(values, (0, 0), level)
 }
 
-/// The same of a raster that is kept in part; its zeros are outside: the level must be above zero
+/// Like [`trace_outline`], for a raster stored as a window; the level must be above zero, as zeros are outside
 pub fn trace_windowed(values: &Windowed<f32>, level: f32) -> Vec<Contour> {
-    debug_assert!(level > 0.0, "what is not kept is outside");
+    debug_assert!(level > 0.0, "values beyond the window are outside");
     trace_part(values.window(), values.corner(), level)
 }
 
@@ -62,14 +62,14 @@ fn trace_part(values: &Grid<f32>, corner: (usize, usize), level: f32) -> Vec<Con
     loops
 }
 
-/// The raster with a ring around it
+/// The raster with a ring of outside pixels
 struct Field {
     values: Vec<f32>,
     width: usize,
     /// Column and row at which the raster starts
     corner: (usize, usize),
     level: f32,
-    /// Offsets right, down, left, up: each a clockwise quarter turn on screen from the one before
+    /// Offsets right, down, left, up: each a clockwise quarter turn on screen from the previous
     steps: [isize; 4],
 }
 
@@ -94,11 +94,11 @@ impl Field {
     }
 
     fn inside(&self, at: usize) -> bool {
-        // The ring stays outside at a level of minus infinity, too
+        // The ring is outside even at a level of minus infinity
         self.values[at] >= self.level && self.values[at] > BEYOND
     }
 
-    /// Walks one loop with inside on the right hand, from the crossing left of `start`
+    /// Follows one loop with inside on its right, from the crossing left of `start`
     fn follow(&self, start: usize, visited: &mut [bool]) -> Contour {
         let mut points = Vec::new();
         // The crossing between the pixel `inner` and its neighbor in direction `out`
@@ -109,7 +109,7 @@ impl Field {
             }
             let outer = self.neighbor(inner, out);
             points.push(self.crossing(inner, outer));
-            // Outside is on the left hand, so ahead is a clockwise turn from it
+            // Outside is on the left, so ahead is a clockwise turn from it
             let ahead = (out + 1) % 4;
             let inner_ahead = self.neighbor(inner, ahead);
             let outer_ahead = self.neighbor(outer, ahead);
@@ -137,13 +137,13 @@ impl Field {
         at.wrapping_add_signed(self.steps[direction])
     }
 
-    /// Whether the inside pixels of four, diagonal to each other, are connected between them
+    /// Whether the diagonally opposite inside pixels of four are connected
     fn joins(&self, four: [usize; 4]) -> bool {
         let sum: f64 = four.iter().map(|&at| f64::from(self.values[at])).sum();
         0.25 * sum >= f64::from(self.level)
     }
 
-    /// Where the values cross the level between two neighbors; half way, where they are not finite
+    /// Returns where the values cross the level between two neighbors; half way if they are not finite
     fn crossing(&self, inner: usize, outer: usize) -> DVec2 {
         let inside = f64::from(self.values[inner]);
         let outside = f64::from(self.values[outer]);
@@ -179,7 +179,7 @@ mod tests {
     fn a_full_image_is_closed_along_its_border() {
         let outline = outline_of("### ###");
         assert_eq!(outline.len(), 1);
-        // The whole image but for its four corners
+        // The full image except its four corners
         assert!((outline[0].signed_area() - (6.0 - 4.0 / 8.0)).abs() < 1e-9);
         for p in &outline[0].points {
             assert!(p.x == 0.0 || p.x == 3.0 || p.y == 0.0 || p.y == 2.0);
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lone_pixel_is_a_diamond() {
+    fn a_single_pixel_is_a_diamond() {
         let outline = outline_of("#");
         assert_eq!(outline[0].points.len(), 4);
         assert_eq!(outline[0].signed_area(), 0.5);
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn corner_to_corner_follows_the_mean() {
+    fn corners_are_joined_according_to_the_mean() {
         let at = |v: f32| Grid::from_vec(2, 2, vec![1.0, v, v, 1.0]);
         assert_eq!(trace_outline(&at(0.1), 0.5).len(), 1);
         assert_eq!(trace_outline(&at(-0.1), 0.5).len(), 2);
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn poison_gives_closed_loops_or_none() {
+    fn non_finite_values_give_closed_loops_or_none() {
         let odd = Grid::from_vec(
             3,
             2,
@@ -247,7 +247,7 @@ mod tests {
         assert!(trace_outline(&Grid::filled(3, 3, 0.0), 0.5).is_empty());
     }
 
-    /// Number of loops that enclose a point, holes subtracted
+    /// Number of loops that enclose a point, minus holes
     fn winding(loops: &[Contour], point: DVec2) -> i32 {
         loops
             .iter()
@@ -266,7 +266,7 @@ mod tests {
             let grid = Grid::from_fn(width, height, |x, y| values[y * 9 + x]);
             let loops = trace_outline(&grid, 0.5);
             prop_assert_eq!(&trace_windowed(&Windowed::new(&grid), 0.5), &loops);
-            // The same a little into a larger picture
+            // The same, shifted into a larger image
             let around = |left: usize, up: usize| Grid::from_fn(width + 7, height + 7, |x, y| {
                 let at = (x.wrapping_sub(left) as isize, y.wrapping_sub(up) as isize);
                 grid.get(at.0, at.1).copied().unwrap_or(0.0)
@@ -280,7 +280,7 @@ mod tests {
                     prop_assert_eq!(winding(&loops, center), i32::from(grid[(x, y)] >= 0.5));
                 }
             }
-            // No point twice: loops neither touch themselves nor each other
+            // No point occurs twice: loops touch neither themselves nor each other
             let mut points: Vec<(u64, u64)> = loops
                 .iter()
                 .flat_map(|c| c.points.iter().map(|p| (p.x.to_bits(), p.y.to_bits())))

@@ -4,15 +4,15 @@ use glam::DVec2;
 
 use super::{Contour, nearest_on_segment};
 
-/// Removes points that lie within `tolerance_px` of the line through the points that stay
+/// Removes points that lie within `tolerance_px` of the line through the remaining points
 ///
-/// The closed line is split at two points that are farthest from each other, then each half is simplified
-/// on its own. What stays is a subset of the points, in order; neighbors that coincide are merged. Thin
-/// shapes can end as two points, and lines that ran side by side within the tolerance can cross.
+/// The closed line is split at two points that are farthest from each other, then each half is simplified separately.
+/// The result is a subset of the points, in order; coinciding neighbors are merged. Thin shapes can be reduced to two
+/// points, and lines that ran side by side within the tolerance can cross.
 ///
 /// # Source
 /// D. Douglas, T. Peucker 1973, "Algorithms for the reduction of the number of points required to
-/// represent a digitized line or its caricature"; distances are to the segment, not to its line.
+/// represent a digitized line or its caricature"; here with distances to the segment, not to its line.
 ///
 /// # Examples
 /// ```
@@ -28,7 +28,7 @@ pub fn simplify(contour: &Contour, tolerance_px: f64) -> Contour {
     }
 }
 
-/// Indices of the points that [`simplify`] keeps, in its order: ascending, but for one step back to the front
+/// Returns the indices of the points that [`simplify`] keeps: ascending, except for one wrap to the front
 pub fn simplified_indices(contour: &Contour, tolerance_px: f64) -> Vec<usize> {
     let at = |i: usize| contour.points[i];
     let mut indices: Vec<usize> = (0..contour.points.len()).collect();
@@ -39,7 +39,7 @@ pub fn simplified_indices(contour: &Contour, tolerance_px: f64) -> Vec<usize> {
     let mut points: Vec<DVec2> = indices.iter().map(|&i| at(i)).collect();
     let [first, second] = far_apart(&points);
     if first != second {
-        // Start at one of the two, so that the halves are plain ranges; the end repeats the start
+        // Start at one of the two, so that the halves are contiguous ranges; the start is repeated at the end
         points.rotate_left(first);
         indices.rotate_left(first);
         let middle = (second + points.len() - first) % points.len();
@@ -61,7 +61,7 @@ pub fn simplified_indices(contour: &Contour, tolerance_px: f64) -> Vec<usize> {
     indices
 }
 
-/// Indices of two points of which each is farthest from the other; equal when all points coincide
+/// Returns the indices of two points, each farthest from the other; equal when all points coincide
 fn far_apart(points: &[DVec2]) -> [usize; 2] {
     let farthest_from = |from: usize| {
         let mut best = (from, 0.0);
@@ -87,7 +87,7 @@ fn far_apart(points: &[DVec2]) -> [usize; 2] {
     }
 }
 
-/// The point strictly between two others that is farthest from their segment, if beyond the tolerance
+/// Returns the point strictly between two others that is farthest from their segment, if beyond the tolerance
 fn farthest_between(
     points: &[DVec2],
     start: usize,
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn degenerate_contours_stay_small() {
+    fn degenerate_contours_are_handled() {
         for (points, expected) in [
             (vec![], 0),
             (vec![(1.0, 1.0)], 1),

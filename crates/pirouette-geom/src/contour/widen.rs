@@ -1,4 +1,4 @@
-//! From the centers of border pixels to the border between pixels.
+//! Conversion from the centers of border pixels to the border between pixels.
 
 use glam::DVec2;
 
@@ -6,12 +6,12 @@ use super::Contour;
 
 /// Moves a border that runs through pixel centers outward by half a pixel
 ///
-/// The border must come from [`super::trace_contours`]. Outward is away from the inside, so outer contours grow
-/// and holes shrink. One-pixel bridges, walked on both sides, become one pixel wide, and a lone pixel a diamond. Where
-/// the border bends inward the result runs back over itself; fill it by nonzero winding.
+/// The border must come from [`super::trace_contours`]. Outward is away from the inside, so outer contours grow and
+/// holes shrink. One-pixel bridges, followed on both sides, become one pixel wide, and a single pixel a diamond. Where
+/// the border is concave, the result overlaps itself; fill it by nonzero winding.
 ///
-/// Half a pixel is measured along x or y, whichever the border faces more: slanted borders move by less, as
-/// the stairs of their pixels do. The enclosed area is that of the pixels but for an eighth of a pixel per corner.
+/// Half a pixel is measured along x or y, whichever the border faces more: slanted borders move by less, like the
+/// stairs of their pixels. The enclosed area is that of the pixels, except for an eighth of a pixel per corner.
 ///
 /// # Examples
 /// ```
@@ -31,15 +31,15 @@ pub fn widen_border(border: &Contour) -> Contour {
     }
 }
 
-/// Carries a diamond of radius one half along the border and follows its outermost corner
+/// Moves a diamond of radius one half along the border and follows its outermost corner
 ///
-/// Directions count eighths of a turn. Corners of the diamond face even directions; where the border faces an
-/// odd one, two corners are outermost and the earlier counts.
+/// Directions count eighths of a turn. Corners of the diamond face even directions; where the border faces an odd
+/// direction, two corners are outermost and the earlier one counts.
 fn sweep(centers: &[DVec2]) -> Vec<DVec2> {
     let count = centers.len();
     let facing = |i: usize| {
         let step = centers[(i + 1) % count] - centers[i];
-        // outward of a step to the right is up on screen
+        // the outward direction of a step to the right is up on screen
         let outward = DVec2::new(step.y, -step.x);
         (outward.to_angle() / std::f64::consts::FRAC_PI_4).round() as i32
     };
@@ -47,7 +47,7 @@ fn sweep(centers: &[DVec2]) -> Vec<DVec2> {
     for (i, &center) in centers.iter().enumerate() {
         let before = facing((i + count - 1) % count);
         let mut turn = (facing(i) - before).rem_euclid(8);
-        // Reversals happen at the tips of one-pixel bridges, around which the diamond goes outside.
+        // Reversals occur at the tips of one-pixel bridges, which the diamond passes on the outside.
         if turn > 4 {
             turn -= 8;
         }
@@ -60,12 +60,12 @@ fn sweep(centers: &[DVec2]) -> Vec<DVec2> {
     points
 }
 
-/// The even direction at or before this one
+/// Returns the even direction at or before this one
 fn even(direction: i32) -> i32 {
     direction - direction.rem_euclid(2)
 }
 
-/// Corner of the diamond that faces an even direction
+/// Returns the corner of the diamond that faces an even direction
 fn diamond(direction: i32) -> DVec2 {
     match direction.rem_euclid(8) {
         0 => DVec2::new(0.5, 0.0),

@@ -1,29 +1,29 @@
-//! Where the surface crosses an edge of the grid.
+//! Crossings of the surface with edges of the grid.
 
 use glam::DVec3;
 
 use super::field::Field;
 
-/// Vertices keep this part of an edge from its ends, so that no triangle shrinks to a point
+/// Minimum distance of vertices from the ends of an edge, as a fraction of it, so that no triangle degenerates
 pub(super) const MIN_EDGE_PART: f64 = 1e-3;
 
-/// A grid edge along which the field changes its sign, and what is known of the place
+/// A grid edge along which the field changes its sign, and the bracket of the crossing
 #[derive(Debug, Clone)]
 pub(super) struct Crossing {
     start: DVec3,
     along: DVec3,
-    /// Parts of the edge between which the field changes its sign, and its values there
+    /// Positions between which the field changes its sign, as fractions of the edge, and the values there
     bracket: [(f64, f64); 2],
-    /// The place, as part of the edge
+    /// Position of the crossing, as a fraction of the edge
     t: f64,
     /// Which end of the bracket was moved last
     moved: Option<usize>,
-    /// Whether the field tells no more
+    /// Whether further evaluations cannot improve the crossing
     done: bool,
 }
 
 impl Crossing {
-    /// An edge from `start` to `start + along` with the values of the field at its ends
+    /// Creates an edge from `start` to `start + along` with the values of the field at its ends
     pub(super) fn new(start: DVec3, along: DVec3, [a, b]: [f64; 2]) -> Self {
         Self {
             start,
@@ -39,7 +39,7 @@ impl Crossing {
         self.start + self.along * self.t.clamp(MIN_EDGE_PART, 1.0 - MIN_EDGE_PART)
     }
 
-    /// Narrows the bracket by the value at `t`; `last` when no other follows
+    /// Narrows the bracket by the value at `t`; `last` when no evaluation follows
     fn narrow(&mut self, value: f64, last: bool) {
         self.done |= value.is_nan();
         if self.done {
@@ -47,8 +47,8 @@ impl Crossing {
         }
         let end = usize::from((value < 0.0) != (self.bracket[0].1 < 0.0));
         self.bracket[end] = (self.t, value);
-        // Illinois rule: an end that stays twice counts half, or a bent field would hold it for ever. The
-        // point found so is one to evaluate, not a result.
+        // Illinois rule: an end kept twice counts half, or a curved field would never move it. The point computed this
+        // way is only one to evaluate, not a result.
         if self.moved == Some(end) && !last {
             self.bracket[1 - end].1 /= 2.0;
         }
@@ -62,9 +62,9 @@ impl Crossing {
     }
 }
 
-/// Refines crossings that lie close together beyond linear interpolation, by as many evaluations of the field for each
+/// Refines neighboring crossings beyond linear interpolation, with `steps` evaluations of the field each
 pub(super) fn refine<F: Field>(field: &F, part: F::Part, steps: usize, crossings: &mut [Crossing]) {
-    /// Crossings that are evaluated together
+    /// Maximum number of crossings evaluated together
     const RUN: usize = 32;
     for crossings in crossings.chunks_mut(RUN) {
         let mut points = [DVec3::ZERO; RUN];

@@ -1,37 +1,37 @@
-//! The 256 ways in which a surface cuts a cube, triangulated so that cubes always fit together.
+//! The 256 cases of a surface cutting a cube, triangulated so that neighboring cubes always match.
 //!
 //! Corner `c` of the unit cube has the coordinates `(c & 1, c >> 1 & 1, c >> 2)`. Edge `4 a + k` runs along axis
 //! `a` from its lower corner, the `k`-th of the four that have bit `a` unset.
 
 use std::sync::LazyLock;
 
-/// Number of edges; polygon centers are numbered on from here
+/// Number of edges; polygon centers have indices from this on
 pub(super) const EDGE_COUNT: u8 = 12;
 
-/// How the surface runs through a cube with certain corners inside
+/// Surface patch of a cube with a given set of corners inside
 #[derive(Debug, Default)]
 pub(super) struct CubeCase {
     /// Edges that the surface cuts
     pub(super) edges: Vec<u8>,
-    /// The same, as triangles, counter-clockwise seen from outside the solid; an
-    /// index from [`EDGE_COUNT`] on is the center of a polygon
+    /// Triangles of these edges, counter-clockwise seen from outside the solid; an index from [`EDGE_COUNT`] on is
+    /// the center of a polygon
     pub(super) triangles: Vec<[u8; 3]>,
     /// Edges around each polygon that needs a center
     pub(super) centers: Vec<Vec<u8>>,
 }
 
-/// The case of each set of inside corners (bit `c` for corner `c`)
+/// Cases by set of inside corners (bit `c` for corner `c`)
 pub(super) static CASES: LazyLock<Vec<CubeCase>> =
     LazyLock::new(|| (0..=u8::MAX).map(CubeCase::new).collect());
 
-/// Lower corner of an edge
+/// Returns the lower corner of an edge
 pub(super) fn lower_corner(edge: u8) -> u8 {
     let (axis, k) = (edge / 4, edge % 4);
     let low = k & ((1 << axis) - 1);
     ((k - low) << 1) | low
 }
 
-/// The edge along `axis` that touches `corner`
+/// Returns the edge along `axis` at `corner`
 fn edge_at(corner: u8, axis: u8) -> u8 {
     let low = corner & ((1 << axis) - 1);
     4 * axis + ((corner >> (axis + 1)) << axis) + low
@@ -48,9 +48,9 @@ fn on_one_face(a: u8, b: u8) -> bool {
 
 impl CubeCase {
     fn new(inside: u8) -> Self {
-        // On every face, seen from outside the cube, the surface runs from where a walk around the face
-        // enters the solid to where it leaves it. The rule sees only the four corners of the face, so that
-        // both cubes at a face agree; diagonal inside corners stay apart.
+        // On every face, seen from outside the cube, the surface runs from where a walk around the face enters the
+        // solid to where it leaves it. The rule depends only on the four corners of the face, so that both cubes at a
+        // face agree; diagonal inside corners are not connected.
         let mut next = [None; EDGE_COUNT as usize];
         for axis in 0..3u8 {
             let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -100,9 +100,9 @@ impl CubeCase {
     }
 }
 
-/// Triangulates a polygon without drawing a diagonal on a face of the cube, where the neighbor cube could draw it too
+/// Triangulates a polygon without diagonals on a face of the cube, where the neighboring cube could have them too
 ///
-/// Returns whether there is a way; `triangles` is unchanged if not.
+/// Returns whether this is possible; otherwise `triangles` is unchanged.
 fn fill(polygon: &[u8], triangles: &mut Vec<[u8; 3]>) -> bool {
     let n = polygon.len();
     if n < 3 {
@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn edges_know_their_corners() {
+    fn edges_have_the_right_corners() {
         for edge in 0..EDGE_COUNT {
             let corner = lower_corner(edge);
             assert_eq!((corner >> (edge / 4)) & 1, 0);
@@ -145,13 +145,13 @@ mod tests {
         let smallest = triangle
             .iter()
             .position(|&e| e == 0)
-            .expect("it has the x edge");
+            .expect("the x edge is cut");
         triangle.rotate_left(smallest);
         assert_eq!(triangle, [0, 4, 8]);
     }
 
     #[test]
-    fn every_cut_edge_is_used_and_no_other() {
+    fn exactly_the_cut_edges_are_used() {
         for (inside, case) in CASES.iter().enumerate() {
             for edge in 0..EDGE_COUNT {
                 let corner = lower_corner(edge);

@@ -1,16 +1,16 @@
-//! What a surface is extracted from.
+//! Scalar fields for surface extraction.
 
 use glam::DVec3;
 
-/// A scalar field that may be simpler near a place than as a whole
+/// A scalar field that may have a simpler representation in a part of space
 pub trait Field: Sync {
-    /// What is left of the field near a place
+    /// Representation of the field in a part of space
     type Part: Copy + Send + Sync;
 
-    /// The field everywhere
+    /// Returns the representation that holds everywhere
     fn whole(&self) -> Self::Part;
 
-    /// The value at a point where the part holds
+    /// Returns the value at a point where `part` holds
     fn value(&self, point: DVec3, part: Self::Part) -> f64;
 
     /// Whether the value at a point is negative
@@ -18,20 +18,20 @@ pub trait Field: Sync {
         self.value(point, part) < 0.0
     }
 
-    /// The values at points that lie close together
+    /// Computes the values at points that lie close together
     ///
     /// # Panics
-    /// When there are not as many values as points.
+    /// When the numbers of values and points differ.
     fn values(&self, points: &[DVec3], part: Self::Part, values: &mut [f64]) {
-        assert_eq!(points.len(), values.len(), "a value for each point");
+        assert_eq!(points.len(), values.len(), "one value per point");
         for (value, &point) in values.iter_mut().zip(points) {
             *value = self.value(point, part);
         }
     }
 
-    /// The value at the center of a ball in which `of` holds, and a part that holds in the ball
+    /// Returns the value at the center of a ball in which `of` holds, and a part that holds in the ball
     ///
-    /// Values of the part are those of the whole field.
+    /// The part has the same values as the full field.
     fn near(&self, center: DVec3, radius: f64, of: Self::Part) -> (f64, Self::Part);
 }
 

@@ -1,4 +1,4 @@
-//! The regular grid on whose corners a field is sampled.
+//! The regular grid at whose corners a field is sampled.
 
 use std::collections::BTreeMap;
 
@@ -61,7 +61,7 @@ impl<'a, F: Field> Lattice<'a, F> {
         self.lo + DVec3::from_array(corner.map(f64::from)) * self.cell_size
     }
 
-    /// Field value at a corner; what cannot be inside is made positive
+    /// Returns the field value at a corner, bounded as by [`Self::bounded`]
     pub(super) fn value(&self, corner: [u32; 3], part: F::Part) -> f64 {
         self.bounded(corner, self.field.value(self.position(corner), part))
     }
@@ -71,19 +71,19 @@ impl<'a, F: Field> Lattice<'a, F> {
         !self.on_border(corner) && self.field.is_inside(self.position(corner), part)
     }
 
-    /// Whether a corner lies on the border of the grid, where nothing is inside
+    /// Whether a corner lies on the border of the grid, where all is outside
     fn on_border(&self, corner: [u32; 3]) -> bool {
         (0..3).any(|a| corner[a] == 0 || corner[a] >= self.counts[a])
     }
 
-    /// The value at the corner in the middle of a cube of `size` cells, and the part of the field in the cube
+    /// Returns the value at the center corner of a cube of `size` cells, and the part of the field in the cube
     pub(super) fn middle(&self, corner: [u32; 3], size: u32, of: F::Part) -> (f64, F::Part) {
         let radius = f64::from(size) * self.cell_size * 3f64.sqrt() / 2.0;
         let (value, part) = self.field.near(self.position(corner), radius, of);
         (self.bounded(corner, value), part)
     }
 
-    /// A value as it counts at a corner: what cannot be inside is made positive
+    /// Returns the value of a corner, made positive where nothing may be inside
     pub(super) fn bounded(&self, corner: [u32; 3], value: f64) -> f64 {
         if value.is_nan() {
             self.cell_size
@@ -94,7 +94,7 @@ impl<'a, F: Field> Lattice<'a, F> {
         }
     }
 
-    /// Whether the surface may pass the cube of `size` cells at `origin` whose center has this value
+    /// Whether the surface may pass through the cube of `size` cells at `origin` whose center has this value
     pub(super) fn may_cut(&self, origin: [u32; 3], size: u32, center: f64) -> bool {
         let half_diagonal = f64::from(size) * self.cell_size * 3f64.sqrt() / 2.0;
         let near = center.abs() <= self.lipschitz * half_diagonal;
@@ -103,7 +103,7 @@ impl<'a, F: Field> Lattice<'a, F> {
         near || (center < 0.0 && on_border)
     }
 
-    /// Origins of the bricks near the surface
+    /// Returns the origins of the bricks near the surface
     pub(super) fn find_bricks(&self) -> Vec<[u32; 3]> {
         let longest = self.counts.into_iter().max().unwrap_or(1);
         let mut size = longest.next_power_of_two().max(BRICK);
@@ -126,7 +126,7 @@ impl<'a, F: Field> Lattice<'a, F> {
         blocks
     }
 
-    /// For each brick of whose edges the surface crosses one: the name of its origin and a node along that edge that is crossed
+    /// Maps each brick with an edge that the surface crosses to a node on that edge, by the key of the brick's origin
     pub(super) fn find_crossings(&self) -> BTreeMap<u64, Option<u64>> {
         let bricks = self.find_bricks();
         let corners = |origin: [u32; 3]| (0..8).map(move |c| offset(origin, cube_corner(c), BRICK));
@@ -148,7 +148,7 @@ impl<'a, F: Field> Lattice<'a, F> {
             let inside = sides
                 .enumerate()
                 .fold(0u8, |all, (c, s)| all | u8::from(s) << c);
-            // A corner, and the axis along which the next one is on the other side
+            // A corner, and the axis along which the next corner is on the other side
             let (corner, axis) = (0..8u32)
                 .flat_map(|c| (0..3).map(move |axis| (c, axis)))
                 .filter(|(c, axis)| c >> axis & 1 == 0)
@@ -161,7 +161,7 @@ impl<'a, F: Field> Lattice<'a, F> {
             };
             let inside_at = |step| self.is_inside(offset(origin, along(step), 1), whole);
             let start = inside >> corner & 1 != 0;
-            // The end is on the other side, as was found already.
+            // The end is on the other side, as found above.
             let step = (1..BRICK_NODES).find(|&step| inside_at(step) != start);
             let cell = along(step.unwrap_or(BRICK_NODES) - 1).map(|v| v.min(BRICK - NODE));
             Some((place_key(origin), Some(node_mask(cell))))
@@ -170,17 +170,17 @@ impl<'a, F: Field> Lattice<'a, F> {
     }
 }
 
-/// Name of a place of the grid; in the order of names, places follow layer by layer along y
+/// Returns the key of a grid place; keys are ordered by layers along y
 ///
-/// What is looked up for a layer from all around, as by silhouettes of a person who turned about the y axis,
-/// lies close together.
+/// Lookups for one layer from all directions, as by silhouettes of a person turning about the y axis, are close
+/// together in memory.
 pub(super) fn place_key(place: [u32; 3]) -> u64 {
     // 21 bits hold an index up to MAX_CELLS.
     let [x, y, z] = place.map(u64::from);
     (y << 21 | z) << 21 | x
 }
 
-/// The place with a name
+/// Returns the place of a key
 pub(super) fn place_of_key(key: u64) -> [u32; 3] {
     [key, key >> 42, key >> 21].map(|bits| (bits & ((1 << 21) - 1)) as u32)
 }

@@ -14,12 +14,12 @@ fn options(cell_size: f64, lipschitz: f64) -> SurfaceOptions {
     }
 }
 
-/// Marching over every cell of the grid, one vertex search per corner triple
+/// Marching cubes over every cell of the grid, without shared vertices
 fn extract_surface_reference(
     field: impl Fn(DVec3) -> f64 + Sync,
     options: &SurfaceOptions,
 ) -> Vec<[DVec3; 3]> {
-    let grid = Lattice::new(&field, options).expect("the options are sound");
+    let grid = Lattice::new(&field, options).expect("the options are valid");
     let mut triangles = Vec::new();
     let [nx, ny, nz] = grid.counts;
     for cell in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]) {
@@ -48,7 +48,7 @@ fn extract_surface_reference(
     triangles
 }
 
-/// Corner sums of all triangles in a fixed order, to compare sets of triangles
+/// Sums of triangle corners in a fixed order, to compare sets of triangles
 fn fingerprint(triangles: impl Iterator<Item = [DVec3; 3]>) -> Vec<[i64; 3]> {
     let mut sums: Vec<[i64; 3]> = triangles
         .map(|t| {
@@ -64,7 +64,7 @@ fn fingerprint(triangles: impl Iterator<Item = [DVec3; 3]>) -> Vec<[i64; 3]> {
 fn a_ball_is_round_closed_and_faces_outward() {
     for cell in [0.31, 0.1, 0.043] {
         let ball = extract_surface(|p: DVec3| p.length() - 0.8, &options(cell, 1.0));
-        let ball = ball.expect("the options are sound");
+        let ball = ball.expect("the options are valid");
         assert_eq!(ball.check(), Ok(()));
         let worst = ball.positions.iter().map(|p| (p.length() - 0.8).abs());
         assert!(worst.fold(0.0, f64::max) < 0.3 * cell * cell);
@@ -80,7 +80,7 @@ fn only_cells_near_the_surface_are_evaluated() {
         count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         p.length() - 0.8
     };
-    let mesh = extract_surface(field, &options(0.02, 1.0)).expect("the options are sound");
+    let mesh = extract_surface(field, &options(0.02, 1.0)).expect("the options are valid");
     let evaluated = count.into_inner();
     // The full grid has a million corners; the ball's surface passes about 20,000 cells.
     assert!(evaluated < 160_000, "{evaluated} evaluations");
@@ -88,13 +88,13 @@ fn only_cells_near_the_surface_are_evaluated() {
 }
 
 #[test]
-fn secant_steps_land_on_a_bent_field() {
+fn secant_steps_converge_on_a_curved_field() {
     let bent = |p: DVec3| (p.length() / 0.7).powi(4) - 1.0;
     let options = SurfaceOptions {
         secant_steps: 4,
         ..options(0.2, 8.0)
     };
-    let mesh = extract_surface(bent, &options).expect("the options are sound");
+    let mesh = extract_surface(bent, &options).expect("the options are valid");
     for p in &mesh.positions {
         assert!((p.length() - 0.7).abs() < 2e-4, "{}", p.length());
     }
@@ -113,7 +113,7 @@ fn without_thin_pieces_the_thick_ones_are_the_same() {
         ..all
     };
     let extract = |field: &(dyn Fn(DVec3) -> f64 + Sync), options: &SurfaceOptions| {
-        extract_surface(field, options).expect("the options are sound")
+        extract_surface(field, options).expect("the options are valid")
     };
     let alone = extract(&large, &all);
     assert_eq!(extract(&both, &thick), alone);
@@ -125,7 +125,7 @@ fn without_thin_pieces_the_thick_ones_are_the_same() {
 
 #[test]
 fn a_solid_that_fills_the_box_is_closed_at_its_border() {
-    let mesh = extract_surface(|_| -1.0, &options(0.1, 1.0)).expect("the options are sound");
+    let mesh = extract_surface(|_| -1.0, &options(0.1, 1.0)).expect("the options are valid");
     assert_eq!(mesh.check(), Ok(()));
     assert!((1.8f64.powi(3)..8.0).contains(&mesh.volume()));
 }
@@ -146,7 +146,7 @@ fn fields_of_any_kind_give_closed_meshes_or_none() {
         |p| p.x * 1e-300,
     ];
     for field in fields {
-        let mesh = extract_surface(field, &options(0.13, 1.0)).expect("the options are sound");
+        let mesh = extract_surface(field, &options(0.13, 1.0)).expect("the options are valid");
         if !mesh.triangles.is_empty() {
             assert_eq!(mesh.check(), Ok(()));
         }
@@ -154,7 +154,7 @@ fn fields_of_any_kind_give_closed_meshes_or_none() {
 }
 
 #[test]
-fn senseless_options_are_refused() {
+fn invalid_options_are_rejected() {
     let extract = |options| extract_surface(|p: DVec3| p.x, &options);
     assert!(matches!(
         extract(options(0.0, 1.0)),
@@ -175,7 +175,7 @@ fn senseless_options_are_refused() {
     assert!(matches!(extract(empty), Err(SurfaceError::Cells { .. })));
 }
 
-/// A random value per cell corner: every case of the cube, and every way in which two cubes meet
+/// A random value per cell corner: covers every cube case and every combination of neighboring cubes
 fn noise(seed: u64) -> impl Fn(DVec3) -> f64 + Sync {
     move |p: DVec3| {
         let mut state = seed;
@@ -189,14 +189,14 @@ fn noise(seed: u64) -> impl Fn(DVec3) -> f64 + Sync {
 }
 
 #[test]
-fn noise_that_once_left_open_edges_gives_closed_meshes() {
+fn noise_of_a_former_failure_gives_closed_meshes() {
     let noise = noise(256_208_189_612_489_748);
     for (lipschitz, thin_pieces) in [(100.0, true), (100.0, false), (0.2, true), (0.2, false)] {
         let options = SurfaceOptions {
             thin_pieces,
             ..options(0.125, lipschitz)
         };
-        let mesh = extract_surface(&noise, &options).expect("the options are sound");
+        let mesh = extract_surface(&noise, &options).expect("the options are valid");
         assert_eq!(mesh.check(), Ok(()));
     }
 }
@@ -208,22 +208,22 @@ proptest! {
     fn noise_gives_a_closed_manifold_mesh(seed: u64) {
         for thin_pieces in [true, false] {
             let options = SurfaceOptions { thin_pieces, ..options(0.125, 100.0) };
-            let mesh = extract_surface(noise(seed), &options).expect("the options are sound");
+            let mesh = extract_surface(noise(seed), &options).expect("the options are valid");
             prop_assert_eq!(mesh.check(), Ok(()));
         }
     }
 
     #[test]
     fn a_wrong_slope_bound_still_gives_closed_meshes(seed: u64) {
-        let mesh = extract_surface(noise(seed), &options(0.125, 0.2)).expect("the options are sound");
-        // Pieces may be missing, the outermost too, so the sign of the volume says nothing.
+        let mesh = extract_surface(noise(seed), &options(0.125, 0.2)).expect("the options are valid");
+        // Pieces may be missing, including the outermost, so the sign of the volume is not checked.
         let check = mesh.check();
         let sound = matches!(check, Ok(()) | Err(MeshDefect::Empty | MeshDefect::InsideOut { .. }));
         prop_assert!(sound, "{:?}", check);
     }
 
     #[test]
-    fn the_adaptive_grid_finds_what_the_full_grid_finds(
+    fn the_adaptive_grid_matches_the_full_grid(
         centers in prop::collection::vec(prop::array::uniform3(-0.7..0.7f64), 1..5),
         radius in 0.1..0.4f64,
     ) {
@@ -232,7 +232,7 @@ proptest! {
             centers.iter().map(distance).fold(f64::INFINITY, f64::min)
         };
         let options = options(0.09, 1.0);
-        let mesh = extract_surface(balls, &options).expect("the options are sound");
+        let mesh = extract_surface(balls, &options).expect("the options are valid");
         prop_assert_eq!(mesh.check(), Ok(()));
         let found = fingerprint((0..mesh.triangles.len()).map(|t| mesh.corners(t)));
         let expected = fingerprint(extract_surface_reference(balls, &options).into_iter());

@@ -5,7 +5,7 @@ pub fn join<A, B>(first: impl FnOnce() -> A, second: impl FnOnce() -> B) -> (A, 
     (first(), second())
 }
 
-/// All traits, to be imported at once
+/// All traits, for a single import
 pub mod prelude {
     pub use super::{
         IndexedParallelIterator, IntoParallelIterator, IntoParallelRefIterator,
@@ -15,7 +15,7 @@ pub mod prelude {
 
 /// An iterator of the standard library with the methods of rayon
 ///
-/// It is not itself an iterator: `fold` and `reduce` have other parameters there.
+/// It does not implement `Iterator` itself: `fold` and `reduce` have other parameters there.
 #[derive(Debug, Clone)]
 pub struct Serial<I>(I);
 
@@ -26,7 +26,7 @@ pub trait IntoParallelIterator {
     /// The type of its items
     type Item;
 
-    /// The iterator over the items
+    /// Returns the iterator over the items
     fn into_par_iter(self) -> Self::Iter;
 }
 
@@ -55,7 +55,7 @@ pub trait IntoParallelRefIterator<'a> {
     /// A shared reference
     type Item;
 
-    /// The iterator over references to the items
+    /// Returns the iterator over references to the items
     fn par_iter(&'a self) -> Self::Iter;
 }
 
@@ -78,7 +78,7 @@ pub trait IntoParallelRefMutIterator<'a> {
     /// A mutable reference
     type Item;
 
-    /// The iterator over mutable references to the items
+    /// Returns the iterator over mutable references to the items
     fn par_iter_mut(&'a mut self) -> Self::Iter;
 }
 
@@ -96,7 +96,7 @@ where
 
 /// Iteration over parts of a slice
 pub trait ParallelSlice<T> {
-    /// The parts of `size` items, the last one perhaps shorter
+    /// Returns the parts of `size` items; the last one may be shorter
     fn par_chunks(&self, size: usize) -> Serial<std::slice::Chunks<'_, T>>;
 }
 
@@ -108,7 +108,7 @@ impl<T> ParallelSlice<T> for [T] {
 
 /// Iteration over parts of a mutable slice, and sorting
 pub trait ParallelSliceMut<T> {
-    /// The parts of `size` items, the last one perhaps shorter
+    /// Returns the parts of `size` items; the last one may be shorter
     fn par_chunks_mut(&mut self, size: usize) -> Serial<std::slice::ChunksMut<'_, T>>;
 
     /// Sorts without keeping the order of equal items
@@ -135,7 +135,7 @@ pub trait ParallelIterator: Sized {
     /// The type of the items
     type Item;
 
-    /// The same items for the standard library
+    /// Returns the same items as an iterator of the standard library
     fn into_serial(self) -> impl Iterator<Item = Self::Item>;
 
     /// Applies a function to each item
@@ -143,7 +143,7 @@ pub trait ParallelIterator: Sized {
         Serial(self.into_serial().map(f))
     }
 
-    /// Applies a function to each item and to one value that `init` provides
+    /// Applies a function to each item, with a value created by `init`
     fn map_init<S, R>(
         self,
         init: impl Fn() -> S,
@@ -161,12 +161,12 @@ pub trait ParallelIterator: Sized {
         Serial(self.into_serial().filter(move |item| keep(item)))
     }
 
-    /// Applies a function to each item and keeps the values that it returns
+    /// Applies a function to each item and keeps the `Some` values
     fn filter_map<R>(self, f: impl Fn(Self::Item) -> Option<R>) -> Serial<impl Iterator<Item = R>> {
         Serial(self.into_serial().filter_map(f))
     }
 
-    /// Applies a function to each item and visits the items of all that it returns
+    /// Applies a function to each item and iterates over the items of all results
     fn flat_map_iter<C: IntoIterator>(
         self,
         f: impl Fn(Self::Item) -> C,
@@ -174,7 +174,7 @@ pub trait ParallelIterator: Sized {
         Serial(self.into_serial().flat_map(f))
     }
 
-    /// Accumulates the items, from an identity; one accumulator, to be reduced or collected
+    /// Folds the items, starting from an identity, into one accumulator for `reduce` or `collect`
     fn fold<A>(
         self,
         identity: impl Fn() -> A,
@@ -183,7 +183,7 @@ pub trait ParallelIterator: Sized {
         Serial(std::iter::once(self.into_serial().fold(identity(), f)))
     }
 
-    /// Combines all items, from an identity
+    /// Combines all items, starting from an identity
     fn reduce(
         self,
         identity: impl Fn() -> Self::Item,
@@ -197,12 +197,12 @@ pub trait ParallelIterator: Sized {
         self.into_serial().for_each(f);
     }
 
-    /// The sum of all items
+    /// Returns the sum of all items
     fn sum<S: std::iter::Sum<Self::Item>>(self) -> S {
         self.into_serial().sum()
     }
 
-    /// The largest item, `None` without items
+    /// Returns the largest item, `None` without items
     fn max(self) -> Option<Self::Item>
     where
         Self::Item: Ord,
@@ -210,12 +210,12 @@ pub trait ParallelIterator: Sized {
         self.into_serial().max()
     }
 
-    /// Puts all items into a collection, in order
+    /// Collects all items, in order
     fn collect<C: FromIterator<Self::Item>>(self) -> C {
         self.into_serial().collect()
     }
 
-    /// Puts the items of all pairs into two collections, in order
+    /// Splits the items of all pairs into two collections, in order
     fn unzip<A, B, C, D>(self) -> (C, D)
     where
         Self: ParallelIterator<Item = (A, B)>,
@@ -234,9 +234,9 @@ impl<I: Iterator> ParallelIterator for Serial<I> {
     }
 }
 
-/// Adapters of iterators that know the place of each item
+/// Adapters of iterators with indexed items
 pub trait IndexedParallelIterator: ParallelIterator {
-    /// Pairs the items with those of another iterator, as far as both reach
+    /// Pairs the items with those of another iterator, up to the shorter one
     fn zip<C: IntoParallelIterator>(
         self,
         other: C,
@@ -245,7 +245,7 @@ pub trait IndexedParallelIterator: ParallelIterator {
         Serial(self.into_serial().zip(other))
     }
 
-    /// Pairs each item with its place, from 0 on
+    /// Pairs each item with its index, from 0 on
     fn enumerate(self) -> Serial<impl Iterator<Item = (usize, Self::Item)>> {
         Serial(self.into_serial().enumerate())
     }

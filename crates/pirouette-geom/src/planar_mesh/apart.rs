@@ -1,50 +1,50 @@
-//! Simplification of several contours that keeps them from crossing.
+//! Simplification of several contours without crossings.
 
 use glam::DVec2;
 
 use super::arrange::{GridPoint, meeting, overlapping_boxes, to_grid};
 use crate::contour::{Contour, nearest_on_segment, simplified_indices};
 
-/// Simplifies contours like [`crate::contour::simplify`], more finely where lines would cross or touch
+/// Simplifies contours like [`crate::contour::simplify`], but with more points where lines would cross or touch
 ///
-/// Two lines nearer to each other than the tolerance (legs that nearly touch, a thin wrist) can swap sides when
-/// they are simplified one by one; a mesh of them would be sewn together there. Thin shapes keep their area.
-/// Segments longer than `longest_px` are split where there are points to split at.
+/// Two lines closer to each other than the tolerance (legs that nearly touch, a thin wrist) can swap sides when they
+/// are simplified separately; a mesh of them would be connected there. Thin shapes keep their area. Segments longer
+/// than `longest_px` are split at intermediate points, if any.
 ///
-/// Returns for each contour the indices of the points that stay, ascending but for one step back to the front.
-/// Lines that meet before they are simplified still meet.
+/// Returns the indices of the kept points per contour, ascending except for one wrap to the front. Lines that
+/// already meet before simplification still meet.
 pub fn simplify_apart(contours: &[Contour], tolerance_px: f64, longest_px: f64) -> Vec<Vec<usize>> {
-    let mut stays: Vec<Vec<usize>> = contours
+    let mut kept_indices: Vec<Vec<usize>> = contours
         .iter()
         .map(|contour| {
-            let stays = simplified_indices(contour, tolerance_px);
-            split_long(&contour.points, &stays, longest_px)
+            let kept_indices = simplified_indices(contour, tolerance_px);
+            split_long(&contour.points, &kept_indices, longest_px)
         })
         .collect();
-    // Each round adds points and there are only so many; real contours need two or three rounds.
-    while refine_meetings(contours, &mut stays) {}
-    stays
+    // Each round adds points, so the loop ends; real contours need two or three rounds.
+    while refine_meetings(contours, &mut kept_indices) {}
+    kept_indices
 }
 
-/// Splits long segments in equal numbers of points, which traced contours have at even distances
-fn split_long(points: &[DVec2], stays: &[usize], longest_px: f64) -> Vec<usize> {
-    let mut split = Vec::with_capacity(stays.len());
-    for (k, &from) in stays.iter().enumerate() {
-        let to = stays[(k + 1) % stays.len()];
+/// Splits long segments at equal numbers of points, which are evenly spaced in traced contours
+fn split_long(points: &[DVec2], kept_indices: &[usize], longest_px: f64) -> Vec<usize> {
+    let mut split = Vec::with_capacity(kept_indices.len());
+    for (k, &from) in kept_indices.iter().enumerate() {
+        let to = kept_indices[(k + 1) % kept_indices.len()];
         let count = (to + points.len() - from) % points.len();
         let length = points[from].distance(points[to]);
-        // a ratio that is not a number becomes one part
+        // a NaN ratio becomes one part
         let parts = ((length / longest_px).ceil() as usize).clamp(1, count.max(1));
         split.extend((0..parts).map(|i| (from + i * count / parts) % points.len()));
     }
     split
 }
 
-/// Adds the farthest point to every segment that meets another; false when there was nothing to add
-fn refine_meetings(contours: &[Contour], stays: &mut [Vec<usize>]) -> bool {
+/// Adds the farthest point to every segment that meets another; returns whether any point was added
+fn refine_meetings(contours: &[Contour], kept_indices: &mut [Vec<usize>]) -> bool {
     let mut owners: Vec<(usize, usize)> = Vec::new();
     let mut segments: Vec<[GridPoint; 2]> = Vec::new();
-    for (c, (contour, indices)) in contours.iter().zip(stays.iter()).enumerate() {
+    for (c, (contour, indices)) in contours.iter().zip(kept_indices.iter()).enumerate() {
         let point = |k: usize| to_grid(contour.points[indices[k % indices.len()]]);
         for k in 0..indices.len() {
             owners.push((c, k));
@@ -60,9 +60,9 @@ fn refine_meetings(contours: &[Contour], stays: &mut [Vec<usize>]) -> bool {
         }
     }
     let mut added = false;
-    // backward, so that insertions do not move the segments still to come
+    // backward, so that insertions do not shift the remaining segments
     for (&(c, k), _) in owners.iter().zip(&meets).rev().filter(|(_, meets)| **meets) {
-        let indices = &mut stays[c];
+        let indices = &mut kept_indices[c];
         let (from, to) = (indices[k], indices[(k + 1) % indices.len()]);
         if let Some(middle) = farthest_between(&contours[c].points, from, to) {
             indices.insert(k + 1, middle);
@@ -72,7 +72,7 @@ fn refine_meetings(contours: &[Contour], stays: &mut [Vec<usize>]) -> bool {
     added
 }
 
-/// Index of the point between two others, walking forward around the contour, that is farthest from their segment
+/// Returns the index of the point between two others, forward around the contour, farthest from their segment
 fn farthest_between(points: &[DVec2], from: usize, to: usize) -> Option<usize> {
     let count = (to + points.len() - from) % points.len();
     let between = (1..count).map(|step| (from + step) % points.len());
@@ -100,21 +100,24 @@ mod tests {
             .count()
     }
 
-    fn picked(contours: &[Contour], stays: &[Vec<usize>]) -> Vec<Contour> {
+    fn picked(contours: &[Contour], kept_indices: &[Vec<usize>]) -> Vec<Contour> {
         let pick = |(c, s): (&Contour, &Vec<usize>)| Contour {
             points: s.iter().map(|&i| c.points[i]).collect(),
             hole: c.hole,
         };
-        contours.iter().zip(stays).map(pick).collect()
+        contours.iter().zip(kept_indices).map(pick).collect()
     }
 
     #[test]
-    fn contours_far_apart_are_simplified_as_usual() {
+    fn contours_far_apart_are_simplified_independently() {
         let art = "......... .#######. .#######. .#######. .........";
         let mask = Mask::from_art(art).map(|&v| f32::from(u8::from(v)));
         let outline = trace_outline(&mask, 0.5);
-        let stays = simplify_apart(&outline, 1.0, f64::INFINITY);
-        assert_eq!(picked(&outline, &stays), [simplify(&outline[0], 1.0)]);
+        let kept_indices = simplify_apart(&outline, 1.0, f64::INFINITY);
+        assert_eq!(
+            picked(&outline, &kept_indices),
+            [simplify(&outline[0], 1.0)]
+        );
     }
 
     proptest! {
@@ -126,13 +129,13 @@ mod tests {
             longest in 0.5..20.0f64,
         ) {
             let outline = trace_outline(&crate::Grid::from_vec(16, 16, values), 0.5);
-            let stays = simplify_apart(&outline, tolerance, longest);
-            for (contour, indices) in outline.iter().zip(&stays) {
+            let kept_indices = simplify_apart(&outline, tolerance, longest);
+            for (contour, indices) in outline.iter().zip(&kept_indices) {
                 prop_assert!(indices.iter().all(|&i| i < contour.points.len()));
                 let descents = indices.windows(2).filter(|w| w[1] <= w[0]).count();
                 prop_assert!(descents <= 1);
             }
-            let simple = picked(&outline, &stays);
+            let simple = picked(&outline, &kept_indices);
             prop_assert_eq!(crossings(&simple), 0);
             for contour in &simple {
                 prop_assert!(contour.signed_area() != 0.0);

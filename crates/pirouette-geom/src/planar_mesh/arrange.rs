@@ -1,10 +1,10 @@
 //! Arrangement of closed polylines: edges that meet only at their ends, with winding numbers.
 //!
-//! Real contours touch themselves, run back and forth over one-pixel bridges, and cross themselves once they
-//! are simplified. A constrained triangulation needs edges that do none of that. All coordinates are whole
-//! multiples of [`GRID_PX`], so every test here is exact; crossings are rounded to that grid, which
-//! may let an edge run into a neighbor, so the search repeats until nothing is left to split (iterated
-//! snap rounding, Halperin & Packer 2002).
+//! Real contours touch themselves, run back and forth over one-pixel bridges, and cross themselves after
+//! simplification. A constrained triangulation requires edges without any of that. All coordinates are integer
+//! multiples of [`GRID_PX`], so every test here is exact; crossings are rounded to that grid, which may let an edge
+//! run into a neighbor, so the search repeats until there is nothing left to split (iterated snap rounding,
+//! Halperin & Packer 2002).
 
 use std::collections::{HashMap, HashSet};
 
@@ -12,19 +12,19 @@ use glam::DVec2;
 
 /// Grid steps per pixel
 ///
-/// A thousandth of a pixel is far below what any contour knows; coarser grids move corners visibly, finer ones leave
-/// less room for exact products of coordinates.
+/// A thousandth of a pixel is far below the accuracy of any contour; coarser grids move corners visibly, finer ones
+/// leave less room for exact products of coordinates.
 const STEPS_PER_PX: f64 = 1024.0;
 
 /// Spacing of the grid that coordinates are rounded to, in px
 pub(crate) const GRID_PX: f64 = 1.0 / STEPS_PER_PX;
 
-/// Coordinates beyond this many px would overflow the exact products of grid coordinates
+/// Maximum absolute coordinate in px; larger ones would overflow the exact products of grid coordinates
 pub(crate) const MAX_COORDINATE_PX: f64 = 131_072.0;
 
-/// Rounds of splitting before the rest is left as it is
+/// Maximum rounds of splitting; remaining intersections are ignored
 ///
-/// One or two are the rule; noise with thousands of self-crossings took four.
+/// Usually one or two suffice; noise with thousands of self-crossings took four.
 const MAX_ROUNDS: usize = 32;
 
 /// A point on the grid
@@ -38,7 +38,7 @@ pub(crate) fn to_grid(p: DVec2) -> GridPoint {
     ]
 }
 
-/// Exact position of a grid point, in px
+/// Returns the exact position of a grid point, in px
 pub(crate) fn from_grid(p: GridPoint) -> DVec2 {
     DVec2::new(p[0] as f64, p[1] as f64) / STEPS_PER_PX
 }
@@ -50,18 +50,18 @@ pub(crate) struct ArrangedEdge {
     pub(crate) from: u32,
     /// Larger vertex
     pub(crate) to: u32,
-    /// How much larger the winding number is on the side of positive orientation (left, were y up) of `from -> to`
+    /// Winding number on the side of positive orientation (left, if y were up) of `from -> to`, minus that on the other
     pub(crate) winding: i32,
 }
 
 /// Edges that meet only at their ends
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Arrangement {
-    /// Distinct grid points; some may be on no edge
+    /// Distinct grid points; some may not be on any edge
     pub(crate) points: Vec<GridPoint>,
     /// Distinct edges whose two sides differ in winding number
     pub(crate) edges: Vec<ArrangedEdge>,
-    /// For each loop, for each of its points: the index in `points`
+    /// Index in `points` of each point of each loop
     pub(crate) loop_points: Vec<Vec<u32>>,
 }
 
@@ -91,7 +91,7 @@ pub(crate) fn arrange<'a>(loops: impl Iterator<Item = &'a [DVec2]>) -> Arrangeme
 }
 
 impl Arrangement {
-    /// Where the horizontal line at `y` enters (true) and leaves (false) nonzero winding, sorted by x
+    /// Intervals of nonzero winding on the horizontal line at `y`, sorted by x
     pub(crate) fn inside_spans(&self, y: f64) -> Vec<(f64, f64)> {
         let mut crossings: Vec<(f64, i32)> = self
             .edges
@@ -124,7 +124,7 @@ impl Arrangement {
         spans
     }
 
-    /// The ends of an edge, in px
+    /// Returns the ends of an edge, in px
     pub(crate) fn ends(&self, edge: &ArrangedEdge) -> (DVec2, DVec2) {
         (
             from_grid(self.points[edge.from as usize]),
@@ -132,9 +132,9 @@ impl Arrangement {
         )
     }
 
-    /// Splits every edge into equal parts no longer than `max_length` px
+    /// Splits every edge into equal parts of at most `max_length` px
     ///
-    /// The new points are rounded to the grid; pieces of a crooked edge stay within one grid step of it.
+    /// The new points are rounded to the grid; parts of a slanted edge stay within one grid step of it.
     pub(crate) fn subdivide(&mut self, max_length: f64) {
         let mut points = Points::from_list(std::mem::take(&mut self.points));
         let mut parts: Vec<(u32, u32, i32)> = Vec::with_capacity(self.edges.len());
@@ -162,7 +162,7 @@ impl Arrangement {
     }
 }
 
-/// Looks up what lies inside: edges by the bands of y that they reach into
+/// Index for inside tests: edges by the bands of y that they overlap
 pub(crate) struct Inside {
     low: DVec2,
     high: DVec2,
@@ -189,7 +189,7 @@ impl Inside {
             high = high.max(a.max(*b));
             rise += (b.y - a.y).abs();
         }
-        // About as high as the edges, so that those are in two or three bands each
+        // Roughly as high as the edges, so that each overlaps two or three bands
         let band_height = (rise / ends.len().max(1) as f64).max(GRID_PX);
         let count = (((high.y - low.y) / band_height) as usize).clamp(1, ends.len().max(1));
         let mut inside = Self {
@@ -222,12 +222,12 @@ impl Inside {
         (((y - self.low.y) / self.band_height) as usize).min(last)
     }
 
-    /// Smallest box around all edges
+    /// Returns the bounding box of all edges
     pub(crate) fn bounds(&self) -> (DVec2, DVec2) {
         (self.low, self.high)
     }
 
-    /// Whether the winding number around a point that lies on no edge is not zero
+    /// Whether the winding number around a point is not zero; the point must not lie on an edge
     pub(crate) fn contains(&self, p: DVec2) -> bool {
         self.winding_at(p) != 0
     }
@@ -240,7 +240,7 @@ impl Inside {
         let mut winding = 0;
         for &(a, b, step) in &self.edges[self.first[band]..self.first[band + 1]] {
             if (a.y <= p.y) != (b.y <= p.y) && crossing_x(a, b, p.y) > p.x {
-                // the ray to +x leaves through an edge that runs down the screen from its inner side
+                // the ray to +x leaves through an edge that runs down the screen, from its inner side
                 winding += if a.y < b.y { step } else { -step };
             }
         }
@@ -275,7 +275,7 @@ impl Points {
 
 /// Merges equal directed edges `(from, to, winding)`
 ///
-/// Drops those from a point to itself and those walked back and forth, which enclose nothing.
+/// Drops those from a point to itself, and those that cancel out, which enclose nothing.
 fn merge(directed: &[(u32, u32, i32)]) -> Vec<ArrangedEdge> {
     let mut edges: Vec<ArrangedEdge> = directed
         .iter()
@@ -298,7 +298,7 @@ fn merge(directed: &[(u32, u32, i32)]) -> Vec<ArrangedEdge> {
     edges
 }
 
-/// Splits all edges where others touch or cross them; `None` when nothing does
+/// Splits all edges where others touch or cross them; `None` when there are no such edges
 fn split_once(points: &mut Points, edges: &[ArrangedEdge]) -> Option<Vec<(u32, u32, i32)>> {
     let mut cuts: Vec<Vec<u32>> = vec![Vec::new(); edges.len()];
     let mut found = false;
@@ -353,7 +353,7 @@ fn split_once(points: &mut Points, edges: &[ArrangedEdge]) -> Option<Vec<(u32, u
     Some(parts)
 }
 
-/// Pairs of segments whose bounding boxes overlap, by a sweep down the screen
+/// Finds pairs of segments whose bounding boxes overlap, by a sweep down the screen
 pub(crate) fn overlapping_boxes(segments: &[[GridPoint; 2]]) -> Vec<(usize, usize)> {
     struct Bounds {
         segment: usize,
@@ -384,16 +384,16 @@ pub(crate) fn overlapping_boxes(segments: &[[GridPoint; 2]]) -> Vec<(usize, usiz
     pairs
 }
 
-/// How two segments meet, other than in a shared end
+/// How two segments meet, other than at a shared end
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Meeting {
-    /// They cross at this share of the way along the first
+    /// They cross at this fraction of the first
     Crossing(f64),
-    /// Which ends lie inside the other segment: start and end of the first, start and end of the second
+    /// Which ends lie within the other segment: start and end of the first, start and end of the second
     Touch([bool; 4]),
 }
 
-/// Tests two segments exactly; `None` when they are apart or meet in shared ends only
+/// Tests two segments exactly; `None` when they are apart or meet only at shared ends
 pub(crate) fn meeting([a, b]: [GridPoint; 2], [c, d]: [GridPoint; 2]) -> Option<Meeting> {
     let (oc, od) = (orientation(a, b, c), orientation(a, b, d));
     let (oa, ob) = (orientation(c, d, a), orientation(c, d, b));
@@ -409,7 +409,7 @@ pub(crate) fn meeting([a, b]: [GridPoint; 2], [c, d]: [GridPoint; 2]) -> Option<
     touch.contains(&true).then_some(Meeting::Touch(touch))
 }
 
-/// Twice the signed area of a triangle, exact; positive when its signed area is
+/// Returns twice the signed area of a triangle, exactly
 fn orientation(a: GridPoint, b: GridPoint, c: GridPoint) -> i64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
@@ -421,7 +421,7 @@ fn between(a: GridPoint, b: GridPoint, p: GridPoint) -> bool {
     dot > 0 && dot < length
 }
 
-/// Where the line from `a` to `b` meets the horizontal at `y`
+/// Returns x where the line from `a` to `b` meets the horizontal at `y`
 fn crossing_x(a: DVec2, b: DVec2, y: f64) -> f64 {
     a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x)
 }
@@ -450,7 +450,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bridge_walked_back_and_forth_disappears() {
+    fn a_bridge_followed_in_both_directions_cancels_out() {
         let flag = loop_of(&[
             [0.0, 0.0],
             [4.0, 0.0],
@@ -478,7 +478,7 @@ mod tests {
         let a = loop_of(&[[0.0, 0.0], [6.0, 0.0], [6.0, 2.0], [0.0, 2.0]]);
         let b = loop_of(&[[1.0, 2.0], [4.0, 2.0], [4.0, 3.0], [1.0, 3.0]]);
         let arrangement = arranged(&[a, b]);
-        // the shared stretch cancels: it is walked once each way
+        // the shared part cancels: it has one edge in each direction
         assert_eq!(arrangement.edges.len(), 8);
         assert_eq!(arrangement.inside_spans(2.5), [(1.0, 4.0)]);
     }

@@ -1,11 +1,11 @@
 //! Planar triangle meshes of silhouettes: constrained Delaunay triangulation of contours with holes.
 //!
-//! Any finite input gives a mesh of what the contours enclose: contours may touch or cross themselves and each
-//! other, run back and forth over one-pixel bridges, or repeat points. Inside is where the winding number is
-//! not zero, as in [`crate::coverage::fill_edges`]. Only input that encloses nothing is refused.
+//! Any finite input gives a mesh of the enclosed area: contours may touch or cross themselves and each other, run
+//! back and forth over one-pixel bridges, or repeat points. Inside is where the winding number is not zero, as in
+//! [`crate::coverage::fill_edges`]. Only input that encloses no area is rejected.
 //!
-//! Coordinates are rounded to 1/1024 px, which makes all decisions about crossings exact. Triangle angles are
-//! not bounded: beside short contour edges triangles are as thin as the contour asks for.
+//! Coordinates are rounded to 1/1024 px, which makes all decisions about crossings exact. Triangle angles are not
+//! bounded: short contour edges can cause thin triangles.
 
 mod apart;
 mod arrange;
@@ -26,25 +26,25 @@ use near::SegmentIndex;
 pub struct PlanarMesh {
     /// One point per vertex, in px
     pub positions: Vec<DVec2>,
-    /// Three vertices per triangle; signed areas are positive, as those of outer contours
+    /// Three vertices per triangle; signed areas are positive, like those of outer contours
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// How densely to fill the inside of the contours
+/// Density of the vertices inside the contours
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TriangulateOptions {
-    /// Aim for triangles of at most this area, in square px, by evenly spaced further points; smaller bends more
-    /// smoothly and costs time; `None` adds no points
+    /// Adds evenly spaced points for triangles of at most about this area, in square px; smaller ones bend more
+    /// smoothly and take more time; `None` adds no points
     ///
     /// Long contour edges are split to match. Single triangles may be up to twice as large.
     pub max_area: Option<f64>,
-    /// Interior points nearer than this to a contour count as outside, and nearer than this to one another share
-    /// a vertex, in px
+    /// Minimum distance of interior points in px: nearer to a contour they count as outside, nearer to each other they
+    /// share a vertex
     pub clearance: f64,
 }
 
 impl Default for TriangulateOptions {
-    /// 250 square px: finer and coarser meshes deform silhouettes 800 px high alike
+    /// 250 square px: finer and coarser meshes deform silhouettes 800 px high equally well
     fn default() -> Self {
         Self {
             max_area: Some(250.0),
@@ -54,31 +54,31 @@ impl Default for TriangulateOptions {
 }
 
 impl TriangulateOptions {
-    /// Distance of the points that fill the inside, in px; longer contour edges are split
+    /// Returns the spacing of the interior points, in px; longer contour edges are split
     pub fn spacing_px(&self) -> Option<f64> {
-        // Half the area, because triangles between the even fill and the contour come out larger.
+        // Half the area, because triangles between the even points and the contour come out larger.
         let equilateral = self.max_area.filter(|&area| area > 0.0)? / 2.0;
         Some((4.0 * equilateral / 3.0_f64.sqrt()).sqrt())
     }
 }
 
-/// A mesh and what became of the points it was made from
+/// A mesh, and the vertices of the points it was made from
 #[derive(Debug, Clone)]
 pub struct PlanarTriangulation {
     /// The mesh
     pub mesh: PlanarMesh,
-    /// For each contour, for each of its points: its vertex; `None` where the contour encloses nothing (on bridges)
+    /// Vertex of each point of each contour; `None` where the contour encloses nothing (on bridges)
     pub contour_vertices: Vec<Vec<Option<u32>>>,
-    /// For each interior point: its vertex; `None` when it lies outside or on a contour
+    /// Vertex of each interior point; `None` if it lies outside or on a contour
     pub interior_vertices: Vec<Option<u32>>,
 }
 
-/// Why there is no mesh
+/// Error of contours that cannot be triangulated
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum TriangulateError {
-    /// A coordinate is NaN, infinite or absurdly large
+    /// A coordinate is NaN, infinite or too large
     #[error(
-        "coordinate ({x}, {y}) px is not a number or exceeds {} px",
+        "coordinate ({x}, {y}) px is not finite or exceeds {} px",
         arrange::MAX_COORDINATE_PX
     )]
     BadCoordinate {
@@ -87,19 +87,19 @@ pub enum TriangulateError {
         /// y in px
         y: f64,
     },
-    /// The contours have no inside
+    /// The contours enclose no area
     #[error("the contours enclose no area")]
     NoArea,
 }
 
-/// More fill points than this are spaced wider
+/// Maximum number of evenly spaced points; the spacing is widened beyond
 ///
-/// Bounds memory when a huge contour meets a small area; a silhouette takes about a thousand.
+/// Bounds memory for huge contours with small triangles; a silhouette takes about a thousand.
 const MAX_FILL_POINTS: f64 = 500_000.0;
 
-/// Triangulates what closed contours enclose, with further vertices inside
+/// Triangulates the area enclosed by closed contours, with additional vertices inside
 ///
-/// Outer contours have positive signed area and holes negative, else holes count as filled.
+/// Outer contours must have positive signed area and holes negative, otherwise holes count as filled.
 ///
 /// # Errors
 /// When a coordinate is not finite or beyond 131072 px, or the contours enclose no area.
@@ -113,7 +113,7 @@ pub fn triangulate(
 ) -> Result<PlanarTriangulation, TriangulateError> {
     let all_points = contours.iter().flat_map(|c| &c.points).chain(interior);
     for &DVec2 { x, y } in all_points {
-        // written so that NaN fails
+        // written so that NaN is rejected
         if !(x.abs() <= arrange::MAX_COORDINATE_PX && y.abs() <= arrange::MAX_COORDINATE_PX) {
             return Err(TriangulateError::BadCoordinate { x, y });
         }
@@ -129,18 +129,18 @@ pub fn triangulate(
 
     let mut vertices = Vertices::on_edges(&arrangement);
     let radius = spacing.unwrap_or(0.0).max(options.clearance);
-    let mut walls = SegmentIndex::new(low, high, radius, arrangement.edges.len());
+    let mut obstacles = SegmentIndex::new(low, high, radius, arrangement.edges.len());
     for edge in &arrangement.edges {
         let (a, b) = arrangement.ends(edge);
-        walls.insert(a, b);
+        obstacles.insert(a, b);
     }
     let interior_of: Vec<Option<u32>> =
-        place_interior(&arrangement, &walls, interior, options, &mut vertices);
+        place_interior(&arrangement, &obstacles, interior, options, &mut vertices);
     if let Some(spacing) = spacing {
         for &p in &vertices.positions[vertices.contour_count..] {
-            walls.insert(p, p);
+            obstacles.insert(p, p);
         }
-        fill(&arrangement, &walls, low, high, spacing, &mut vertices);
+        fill(&arrangement, &obstacles, low, high, spacing, &mut vertices);
     }
 
     let triangles = inner_triangles(&arrangement, &vertices);
@@ -165,7 +165,7 @@ pub fn triangulate(
 struct Vertices {
     positions: Vec<DVec2>,
     contour_count: usize,
-    /// For each point of the arrangement its vertex, if it is on an edge
+    /// Vertex of each point of the arrangement, if it is on an edge
     of_point: Vec<Option<u32>>,
 }
 
@@ -206,10 +206,10 @@ fn bounded_spacing(spacing: f64, size: DVec2) -> f64 {
         .max(4.0 * arrange::GRID_PX)
 }
 
-/// Adds the given interior points that lie inside; equal and near ones share a vertex
+/// Adds the given interior points that lie inside; equal and close ones share a vertex
 fn place_interior(
     arrangement: &Arrangement,
-    walls: &SegmentIndex,
+    obstacles: &SegmentIndex,
     interior: &[DVec2],
     options: &TriangulateOptions,
     vertices: &mut Vertices,
@@ -221,7 +221,7 @@ fn place_interior(
     let mut earlier = SegmentIndex::new(low, high, clearance, interior.len());
     let place = |&given: &DVec2| {
         let p = from_grid(to_grid(given));
-        if !inside.contains(p) || walls.any_within(p, clearance) {
+        if !inside.contains(p) || obstacles.any_within(p, clearance) {
             return None;
         }
         let near = earlier.first_within(p, clearance);
@@ -235,16 +235,16 @@ fn place_interior(
     interior.iter().map(place).collect()
 }
 
-/// Adds evenly spaced points in the corners of equilateral triangles, clear of what is there
+/// Adds points on an equilateral triangle grid, at a distance from existing points and edges
 fn fill(
     arrangement: &Arrangement,
-    walls: &SegmentIndex,
+    obstacles: &SegmentIndex,
     low: DVec2,
     high: DVec2,
     spacing: f64,
     vertices: &mut Vertices,
 ) {
-    // Nearer to a contour than this the triangles get thin, farther they get large.
+    // A smaller distance to contours gives thin triangles, a larger one gives large triangles.
     let clearance = 0.6 * spacing;
     let row_height = spacing * 3.0_f64.sqrt() / 2.0;
     let rows = ((high.y - low.y) / row_height) as usize;
@@ -256,7 +256,7 @@ fn fill(
             let last = ((x1 - offset) / spacing).floor() as i64;
             for i in first..=last {
                 let p = from_grid(to_grid(DVec2::new(offset + i as f64 * spacing, y)));
-                if !walls.any_within(p, clearance) {
+                if !obstacles.any_within(p, clearance) {
                     vertices.positions.push(p);
                 }
             }
@@ -276,13 +276,13 @@ fn inner_triangles(arrangement: &Arrangement, vertices: &Vertices) -> Vec<[u32; 
             continue;
         };
         constraints.push([a, b]);
-        // Both ways, whoever looks from left or right
+        // In both directions, because lookups come from either side
         windings.push(((a, b), -edge.winding));
         windings.push(((b, a), edge.winding));
     }
     windings.sort_unstable_by_key(|&(ends, _)| ends);
-    // The arrangement leaves no conflicts and the coordinates are bounded, so neither the callback nor the
-    // error occurs; an empty mesh is the honest answer should it ever.
+    // The arrangement has no conflicts left and the coordinates are bounded, so neither the callback nor the error
+    // occurs; an empty mesh is a safe fallback.
     let triangulation = ConstrainedDelaunayTriangulation::<Point2<f64>>::try_bulk_load_cdt(
         points.collect(),
         constraints,
@@ -293,7 +293,7 @@ fn inner_triangles(arrangement: &Arrangement, vertices: &Vertices) -> Vec<[u32; 
     };
     debug_assert_eq!(triangulation.num_vertices(), vertices.positions.len());
 
-    // Flood over the faces from outside; crossing a contour edge changes the winding number.
+    // Flood fill over the faces from outside; crossing a contour edge changes the winding number.
     let outside = triangulation.outer_face().fix();
     let mut winding_of: Vec<Option<i32>> = vec![None; triangulation.num_all_faces()];
     winding_of[outside.index()] = Some(0);
@@ -322,7 +322,7 @@ fn inner_triangles(arrangement: &Arrangement, vertices: &Vertices) -> Vec<[u32; 
             }
             None => {
                 for edge in triangulation.convex_hull() {
-                    // Whichever way the hull is walked, we look from outside.
+                    // The direction of the hull edges is unknown; start from the outer face.
                     let from_outside = edge.face().fix() == face;
                     let edge = if from_outside { edge } else { edge.rev() };
                     cross(edge, winding, &mut open);
@@ -372,7 +372,7 @@ fn compact(
     }
 }
 
-/// What is wrong with a planar mesh
+/// Defect of a planar mesh
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PlanarMeshFault {
     /// A triangle refers to a vertex that does not exist
@@ -381,7 +381,7 @@ pub enum PlanarMeshFault {
         /// The triangle
         triangle: usize,
     },
-    /// A triangle has no or negative area
+    /// A triangle has zero or negative area
     #[error("triangle {triangle} has no positive area")]
     NotPositive {
         /// The triangle
@@ -404,7 +404,7 @@ pub enum PlanarMeshFault {
 }
 
 impl PlanarMesh {
-    /// Signed area of one triangle, in square px
+    /// Returns the signed area of one triangle, in square px
     ///
     /// # Panics
     /// When the triangle or one of its vertices does not exist.
@@ -413,15 +413,15 @@ impl PlanarMesh {
         (b - a).perp_dot(c - a) / 2.0
     }
 
-    /// Sum of the signed areas of all triangles, in square px
+    /// Returns the sum of the signed areas of all triangles, in square px
     pub fn area(&self) -> f64 {
         (0..self.triangles.len())
             .map(|t| self.triangle_area(t))
             .sum()
     }
 
-    /// Edges with a triangle on one side only, directed as in that triangle: around outer contours with positive
-    /// signed area, around holes with negative
+    /// Returns edges with a triangle on one side only, directed as in that triangle: around outer contours with
+    /// positive signed area, around holes with negative
     pub fn boundary_edges(&self) -> Vec<[u32; 2]> {
         let mut edges = self.directed_edges();
         edges.sort_unstable_by_key(|&[a, b]| (a.min(b), a.max(b)));
@@ -432,9 +432,9 @@ impl PlanarMesh {
             .collect()
     }
 
-    /// Checks that all triangles have positive area, edges are manifold and vertices in use
+    /// Checks that all triangles have positive area, edges are manifold and all vertices are used
     ///
-    /// Contours that touch in a point make a vertex where several fans of triangles meet; that is no fault.
+    /// Contours that touch in a point make a vertex where several fans of triangles meet, which is accepted.
     ///
     /// # Errors
     /// The first fault found.

@@ -1,13 +1,13 @@
-//! Uniform grid of segments for "is anything closer than this" questions.
+//! Uniform grid of segments for proximity queries.
 
 use glam::DVec2;
 
 use crate::contour::nearest_on_segment;
 
-/// Cells per expected segment at most: more are slower to make than to look through
+/// Maximum cells per expected segment: more take longer to create than they save
 const CELLS_PER_SEGMENT: f64 = 4.0;
 
-/// Cells at most
+/// Maximum number of cells
 const MAX_CELLS: f64 = 250_000.0;
 
 /// Segments in square cells
@@ -17,7 +17,7 @@ pub(crate) struct SegmentIndex {
     cell: f64,
     columns: usize,
     rows: usize,
-    /// The last entry of each cell
+    /// Last entry of each cell
     last: Vec<Option<u32>>,
     entries: Vec<Entry>,
     count: usize,
@@ -27,14 +27,14 @@ pub(crate) struct SegmentIndex {
 #[derive(Debug)]
 struct Entry {
     ends: [DVec2; 2],
-    /// How many segments were inserted before
+    /// Insertion index of the segment
     order: usize,
-    /// The entry before it in the same cell
+    /// Previous entry in the same cell
     before: Option<u32>,
 }
 
 impl SegmentIndex {
-    /// An empty index for about `count` segments between `low` and `high`, quick for radii up to `radius`
+    /// Creates an empty index for about `count` segments between `low` and `high`, fast for radii up to `radius`
     pub(crate) fn new(low: DVec2, high: DVec2, radius: f64, count: usize) -> Self {
         let size = (high - low).max(DVec2::ZERO);
         let most = (CELLS_PER_SEGMENT * count as f64).clamp(1.0, MAX_CELLS);
@@ -78,12 +78,12 @@ impl SegmentIndex {
         self.within(p, radius).next().is_some()
     }
 
-    /// The first one inserted of the segments that are closer to `p` than `radius`: how many were inserted before
+    /// Returns the lowest insertion index of the segments closer to `p` than `radius`
     pub(crate) fn first_within(&self, p: DVec2, radius: f64) -> Option<usize> {
         self.within(p, radius).min()
     }
 
-    /// The segments closer to `p` than `radius`, some of them several times
+    /// Returns the segments closer to `p` than `radius`, possibly with repeats
     fn within(&self, p: DVec2, radius: f64) -> impl Iterator<Item = usize> {
         let (x0, y0) = self.cell_of(p - radius);
         let (x1, y1) = self.cell_of(p + radius);
@@ -98,7 +98,7 @@ impl SegmentIndex {
     }
 
     fn cell_of(&self, p: DVec2) -> (usize, usize) {
-        // a cast from a negative float saturates at zero
+        // casts from negative floats saturate at zero
         let at = (p - self.low) / self.cell;
         (
             (at.x as usize).min(self.columns - 1),
@@ -114,7 +114,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_index_agrees_with_trying_all(
+        fn the_index_agrees_with_brute_force(
             segments in prop::collection::vec(prop::array::uniform4(-5.0..25.0), 1..30),
             queries in prop::collection::vec((prop::array::uniform2(-9.0..30.0), 0.0..9.0), 1..20),
         ) {

@@ -30,7 +30,7 @@ fn meshed(contours: &[Contour], interior: &[DVec2]) -> PlanarTriangulation {
     made
 }
 
-/// Slow and obvious: walks all loops and counts turns around the point
+/// Slow reference: follows all loops and sums turns around the point
 fn winding_reference(contours: &[Contour], p: DVec2) -> i32 {
     let mut angle = 0.0;
     for contour in contours {
@@ -106,7 +106,7 @@ fn interior_points_become_vertices_unless_outside() {
 }
 
 #[test]
-fn squares_that_touch_in_a_corner_or_along_a_bridge_are_meshed_both() {
+fn squares_touching_in_a_corner_or_along_a_bridge_are_both_meshed() {
     let corner = contour(&[
         [0.0, 0.0],
         [2.0, 0.0],
@@ -138,7 +138,7 @@ fn squares_that_touch_in_a_corner_or_along_a_bridge_are_meshed_both() {
 }
 
 #[test]
-fn contours_without_area_or_numbers_are_refused() {
+fn contours_without_area_or_with_nan_are_rejected() {
     let lines = [
         contour(&[]),
         contour(&[[1.0, 1.0]]),
@@ -162,7 +162,7 @@ fn contours_without_area_or_numbers_are_refused() {
 }
 
 #[test]
-fn filling_keeps_triangles_near_the_wanted_area_and_stout() {
+fn filling_gives_well_shaped_triangles_near_the_requested_area() {
     let disc = contour(
         &(0..40)
             .map(|i| DVec2::from_angle(f64::from(i) * std::f64::consts::TAU / 40.0) * 100.0)
@@ -188,7 +188,7 @@ fn filling_keeps_triangles_near_the_wanted_area_and_stout() {
 }
 
 fn loops(size: i32) -> impl Strategy<Value = Vec<Contour>> {
-    // whole coordinates on a small board touch, overlap and cross all the time
+    // integer coordinates on a small board touch, overlap and cross frequently
     let point = (0..size, 0..size).prop_map(|(x, y)| DVec2::new(f64::from(x), f64::from(y)));
     let one = prop::collection::vec(point, 0..14).prop_map(|points| Contour {
         points,
@@ -199,7 +199,7 @@ fn loops(size: i32) -> impl Strategy<Value = Vec<Contour>> {
 
 proptest! {
     #[test]
-    fn any_loops_are_meshed_exactly_where_they_wind(
+    fn any_loops_are_meshed_exactly_where_their_winding_is_nonzero(
         contours in loops(9),
         interior in prop::collection::vec(prop::array::uniform2(-1.0..10.0), 0..12),
         filled in any::<bool>(),
@@ -233,7 +233,7 @@ proptest! {
     }
 
     #[test]
-    fn wild_coordinates_never_panic(
+    fn extreme_coordinates_never_panic(
         points in prop::collection::vec(prop::array::uniform2(-131_072.0..131_072.0f64), 0..9),
     ) {
         let contour = contour(&points);

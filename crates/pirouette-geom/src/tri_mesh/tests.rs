@@ -13,8 +13,8 @@ fn tetrahedron(offset: DVec3) -> TriMesh {
     }
 }
 
-/// Both meshes in one, vertices of the second after those of the first
-fn together(a: &TriMesh, b: &TriMesh) -> TriMesh {
+/// Concatenates two meshes, with the vertices of the second after those of the first
+fn concatenate(a: &TriMesh, b: &TriMesh) -> TriMesh {
     let mut both = a.clone();
     let shift = a.positions.len() as u32;
     both.positions.extend(&b.positions);
@@ -24,7 +24,7 @@ fn together(a: &TriMesh, b: &TriMesh) -> TriMesh {
 }
 
 #[test]
-fn mass_is_in_the_middle_of_the_corners_of_a_tetrahedron() {
+fn the_center_of_mass_of_a_tetrahedron_is_the_mean_of_its_corners() {
     let offset = DVec3::new(5.0, -2.0, 7.0);
     let found = tetrahedron(offset).center_of_mass().unwrap();
     assert!(found.distance(offset + 0.25) < 1e-9, "{found}");
@@ -33,11 +33,11 @@ fn mass_is_in_the_middle_of_the_corners_of_a_tetrahedron() {
 
 proptest! {
     #[test]
-    fn clusters_are_the_means_of_their_cells_and_keep_edges_in_balance(
+    fn clusters_are_the_means_of_their_cells_and_edges_stay_balanced(
         points in prop::collection::vec(prop::array::uniform3(-3.0..3.0_f64), 4..40),
         corners in prop::collection::vec(prop::array::uniform4(any::<prop::sample::Index>()), 1..20),
     ) {
-        // The surfaces of tetrahedra: closed, however they touch
+        // The surfaces of tetrahedra: closed, even if they touch
         let corners = corners.iter().map(|t| t.map(|i| i.index(points.len()) as u32));
         let mesh = TriMesh {
             positions: points.iter().map(|&p| DVec3::from_array(p)).collect(),
@@ -63,7 +63,7 @@ proptest! {
 }
 
 #[test]
-fn a_tetrahedron_is_sound() {
+fn a_tetrahedron_is_valid() {
     let mesh = tetrahedron(DVec3::new(3.0, -2.0, 5.0));
     assert_eq!(mesh.check(), Ok(()));
     assert!((mesh.volume() - 1.0 / 6.0).abs() < 1e-12);
@@ -84,7 +84,7 @@ fn neighbors_lie_across_the_sides() {
 }
 
 #[test]
-fn every_defect_has_its_name() {
+fn every_defect_is_reported() {
     let sound = tetrahedron(DVec3::ZERO);
     assert_eq!(TriMesh::default().check(), Err(MeshDefect::Empty));
 
@@ -127,7 +127,7 @@ fn every_defect_has_its_name() {
 
 #[test]
 fn two_tetrahedra_that_touch_in_one_vertex_are_not_manifold() {
-    let mut mesh = together(&tetrahedron(DVec3::ZERO), &tetrahedron(DVec3::X * 5.0));
+    let mut mesh = concatenate(&tetrahedron(DVec3::ZERO), &tetrahedron(DVec3::X * 5.0));
     for triangle in &mut mesh.triangles {
         *triangle = triangle.map(|v| if v == 4 { 0 } else { v });
     }
@@ -147,7 +147,7 @@ proptest! {
             for p in &mut one.positions {
                 *p *= *size;
             }
-            all = together(&all, &one);
+            all = concatenate(&all, &one);
         }
         // An unused vertex
         all.positions.push(DVec3::ONE);
@@ -159,13 +159,13 @@ proptest! {
 }
 
 #[test]
-fn the_largest_component_is_kept_whole() {
+fn the_largest_component_is_kept_completely() {
     let small = tetrahedron(DVec3::ZERO);
     let mut large = tetrahedron(DVec3::ONE);
     for p in &mut large.positions {
         *p *= 3.0;
     }
-    let both = together(&small, &large);
+    let both = concatenate(&small, &large);
     assert_eq!(both.components().len(), 2);
     assert_eq!(both.largest_component(), large);
     assert_eq!(TriMesh::default().largest_component(), TriMesh::default());

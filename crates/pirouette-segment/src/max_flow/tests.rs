@@ -1,7 +1,7 @@
 use super::*;
 use proptest::prelude::*;
 
-/// Links as (node, direction, capacity) and terminals, enough to build any graph of the grid
+/// Links as (node, direction, capacity) and terminals, sufficient for any graph on the grid
 #[derive(Debug, Clone)]
 struct Problem {
     nodes: Mask,
@@ -76,7 +76,7 @@ fn max_flow_reference(problem: &Problem) -> i64 {
     }
 }
 
-/// What the labels cost: every link and terminal that they cut
+/// Cost of the labels: every link and terminal that they cut
 fn cost_of_labels(problem: &Problem, cut: &GridCut) -> i64 {
     let mut cost = 0;
     for node in 0..cut.node_count() {
@@ -114,7 +114,7 @@ fn problems() -> impl Strategy<Value = Problem> {
 }
 
 #[test]
-fn neighbors_point_at_each_other() {
+fn neighbors_are_mutual() {
     let cut = GridCut::new(&Mask::from_art("##. .## #.#"));
     assert_eq!(cut.node_count(), 6);
     // nodes: 0 (0,0), 1 (1,0), 2 (1,1), 3 (2,1), 4 (0,2), 5 (2,2)
@@ -148,7 +148,7 @@ fn the_weakest_link_of_a_row_is_cut() {
 }
 
 #[test]
-fn no_nodes_no_flow() {
+fn a_graph_without_nodes_has_no_flow() {
     let mut cut = GridCut::new(&Mask::filled(3, 3, false));
     assert_eq!(cut.solve(), 0);
     let mut cut = GridCut::new(&Mask::filled(0, 0, true));
@@ -157,7 +157,7 @@ fn no_nodes_no_flow() {
 
 proptest! {
     #[test]
-    fn flow_equals_the_reference_and_the_cost_of_its_own_cut(problem in problems()) {
+    fn flow_equals_the_reference_and_the_cost_of_its_cut(problem in problems()) {
         let mut cut = build(&problem);
         let flow = cut.solve();
         prop_assert_eq!(flow, max_flow_reference(&problem));
@@ -165,7 +165,7 @@ proptest! {
     }
 
     #[test]
-    fn continuing_after_new_terminals_finds_a_cut_as_cheap_as_starting_over(
+    fn continuing_after_terminal_changes_gives_the_cost_of_a_new_start(
         problem in problems(),
         changes in prop::collection::vec(-30_i32..30, 36),
     ) {

@@ -1,4 +1,4 @@
-//! Which vertex of the posed surface explains which point of a photo's outline.
+//! Matches between vertices of the posed surface and points of a photo's outline.
 
 use glam::DVec3;
 use pirouette_geom::Windowed;
@@ -10,20 +10,20 @@ use super::{Body, BodyFitView};
 use pirouette_body::{Camera, Projector};
 use pirouette_body::{Pose, pose_bones};
 
-/// Normals agree when the cosine of the angle between them is above this
+/// Minimum cosine of the angle between matching normals
 ///
-/// Else the nearest point jumps from an arm to the trunk.
+/// Otherwise the nearest point could jump from an arm to the trunk.
 const MIN_COSINE: f64 = 0.6;
 
-/// Every so many-th outline point looks for its rim vertex
+/// Sampling interval of the outline points that are matched to contour vertices
 const OUTLINE_STRIDE: usize = 2;
 
-/// All rim vertices together weigh as much as outline points this far apart, in nominal px
+/// Total weight of all contour vertices, as that of outline points at this spacing, in nominal px
 ///
-/// However fine the mesh is.
+/// Independent of the resolution of the mesh.
 const RIM_SPACING: f64 = 12.0;
 
-/// The outline of one view, ready for the search
+/// The outline of one view, prepared for the search
 #[derive(Debug, Clone)]
 pub(super) struct Outline {
     pub(super) points: Vec<EdgePoint>,
@@ -44,7 +44,7 @@ impl Outline {
     }
 }
 
-/// A vertex and the outline point that it should be seen at
+/// A vertex and the outline point at which it should be seen
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Match {
     pub(super) vertex: u32,
@@ -53,7 +53,7 @@ pub(super) struct Match {
 }
 
 impl Match {
-    /// How far outside of the outline a room point is seen, in nominal px, and the gradient of that by the point
+    /// Returns the signed distance of a room point outside the outline, in nominal px, and its gradient by the point
     pub(super) fn residual(
         &self,
         camera: &Projector,
@@ -67,7 +67,7 @@ impl Match {
     }
 }
 
-/// The matches of all views
+/// Computes the matches of all views
 ///
 /// `radius` in nominal px.
 pub(super) fn match_views(
@@ -87,7 +87,7 @@ pub(super) fn match_views(
         .collect()
 }
 
-/// Matches both ways: each rim vertex to its outline point, and outline points to their rim vertices
+/// Matches in both directions: each contour vertex to its outline point, and outline points to contour vertices
 ///
 /// `posed` in the room, in mm; `radius` in nominal px.
 fn find_matches(

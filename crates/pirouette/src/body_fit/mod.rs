@@ -1,11 +1,11 @@
 //! The body fit: one surface and one pose per view that explain all silhouettes together.
 //!
-//! The surface is the avatar in the reference pose, displaced smoothly; a view shows it in that view's pose. Poses and
-//! surface are fitted in turn to the outlines: where the surface ends in a photo, the person must end. What no outline
-//! tells is filled by the avatar's own shape. No statistics of bodies are used.
+//! The surface is the avatar in the reference pose with a smooth displacement, and is posed per view. Poses and surface
+//! are fitted alternately to the outlines, which the occluding contours of the posed surface must match. Parts without
+//! outlines follow the avatar's shape. No statistical body model is used.
 //!
-//! What all views have in common in the poses of trunk, head and legs is the person's posture, not sway, and goes
-//! into the surface; arms are brought to the reference pose. Hollows that no outline shows stay as the avatar has them.
+//! The common pose of trunk, head and legs in all views is the person's posture and is transferred to the surface; arms
+//! are brought to the reference pose. Hollows that no outline shows are those of the avatar.
 
 mod matches;
 mod occluding_contour;
@@ -36,30 +36,30 @@ use surface::Surface;
 pub use occluding_contour::ContourMesh;
 pub use targets::OutlineTargets;
 
-/// One view to fit
+/// Input of the fit from one view
 #[derive(Debug, Clone, Copy)]
 pub struct BodyFitView<'a> {
     /// Soft silhouette of the person, 1 inside
     pub silhouette: &'a Windowed<f32>,
     /// Detected joints
     pub keypoints: &'a Keypoints,
-    /// The camera that saw it
+    /// The camera
     pub camera: Camera,
-    /// How far the person had turned
+    /// Turn angle of the person
     pub turn: TurnAngle,
-    /// Where the pose starts
+    /// Initial pose
     pub pose: Pose,
-    /// Height of the person, in mm: tells how large pixels are
+    /// Height of the person, in mm; determines the size of pixels
     pub stature_mm: f64,
 }
 
 impl BodyFitView<'_> {
-    /// How tall the person is in the photo, in px
+    /// Returns the height of the person in the photo, in px
     fn stature_px(&self) -> f64 {
         self.camera.focal_px() * self.stature_mm / self.camera.distance_mm
     }
 
-    /// A detected joint with its standard deviation, in px
+    /// Returns a detected joint with its standard deviation, in px
     fn keypoint(&self, joint: Joint) -> Option<(DVec2, f64)> {
         let found = self.keypoints.found(joint)?;
         let sigma_px = keypoint_sigma_px(found.confidence, self.stature_px());
@@ -67,18 +67,18 @@ impl BodyFitView<'_> {
     }
 }
 
-/// What is known beforehand of all views together
+/// Prior shared by all views
 #[derive(Debug, Clone, Copy, Default)]
 pub struct BodyFitPrior {
-    /// The pose that sway goes about
+    /// The pose that sway is centered at
     pub posture: Pose,
-    /// Height of the person, in mm, if it is known
+    /// Height of the person, in mm, if known
     pub stature_mm: Option<f64>,
-    /// How far the camera of the views may be off
+    /// Uncertainty of the camera of the views
     pub camera: CameraSpread,
 }
 
-/// Standard deviations of what a camera is taken for; 0 holds it
+/// Prior standard deviations of the camera; 0 fixes a parameter
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CameraSpread {
     /// Of the distance from the turning axis, in mm
@@ -89,18 +89,18 @@ pub struct CameraSpread {
     pub pitch_radians: f64,
 }
 
-/// How the fit is done
+/// Options of [`fit_body`]
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyFitOptions {
-    /// Whether left and right of the body are taken to be alike where outlines do not say otherwise
+    /// Assumes left-right symmetry of the body where outlines do not contradict it
     pub symmetry: bool,
-    /// Whether the mean pose of all views goes into the surface
+    /// Transfers the mean pose of all views to the surface
     pub transfer_mean_pose: bool,
-    /// Whether soles are held on the floor, and the crown at the stature
+    /// Constrains soles to the floor, and the crown to the stature
     pub anchors: bool,
-    /// Whether the camera is corrected, as far as its prior allows
+    /// Corrects the camera within its prior
     pub camera: bool,
-    /// Whether the posed body's silhouettes are held against those of the photos in the end
+    /// Compares the posed body's silhouettes with those of the photos at the end
     pub overlaps: bool,
     /// The rounds, in order
     pub rounds: Vec<Round>,
@@ -109,13 +109,13 @@ pub struct BodyFitOptions {
 /// One round: poses, then the surface
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Round {
-    /// Vertices whose displacements are solved for; more show finer detail and cost time
+    /// Number of vertices whose displacements are solved for; more give finer detail and take more time
     pub coarse_count: usize,
-    /// Outline points are searched within this distance, in nominal px
+    /// Search radius for outline points, in nominal px
     pub radius: f64,
     /// Weight of the bending energy
     pub smoothness: f64,
-    /// Residuals of the surface beyond this lose weight, in nominal px
+    /// Surface residuals beyond this lose weight, in nominal px
     pub robust: f64,
 }
 
@@ -128,7 +128,7 @@ const TRIAL_ROUNDS: usize = 4;
 
 impl Default for BodyFitOptions {
     fn default() -> Self {
-        // A wide start, because bodies far from the avatar (large busts, bellies) would else come out too small.
+        // A wide start, because bodies far from the avatar (large busts, bellies) would otherwise come out too small.
         let rounds = [
             (FIRST_COUNT, 60.0, 15.0, 12.0),
             (FIRST_COUNT, 60.0, 5.0, 12.0),
@@ -162,7 +162,7 @@ impl Default for BodyFitOptions {
 }
 
 impl BodyFitOptions {
-    /// The first rounds only: enough to compare bodies to start from
+    /// Returns options with the first rounds only: sufficient to compare initial bodies
     pub fn trial() -> Self {
         let mut options = Self {
             overlaps: false,
@@ -178,28 +178,28 @@ impl BodyFitOptions {
 pub struct FittedBody {
     /// The fitted body in the reference pose, world frame, mm
     pub avatar: Avatar,
-    /// How far rim and outlines were apart in the last round (root mean square), in nominal px
+    /// Root mean square distance of occluding contours and outlines in the last round, in nominal px
     pub residual_px: f64,
 }
 
-/// A view as the fitted body explains it
+/// One view of the result
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FittedView {
     /// Pose of the body
     pub pose: Pose,
-    /// The camera, corrected as far as its prior allows
+    /// The camera, corrected within its prior
     pub camera: Camera,
-    /// Intersection over union of the posed body's silhouette with that of the photo; `None` where the options leave
-    /// it out
+    /// Intersection over union of the posed body's silhouette with that of the photo; `None` if disabled by the
+    /// options
     pub silhouette_iou: Option<f64>,
 }
 
-/// The surface while it is fitted
+/// The surface during the fit
 #[derive(Debug, Clone)]
 struct Body<'a> {
     rim: &'a ContourMesh,
     weights: &'a [SkinWeight],
-    /// By which share each vertex hangs on the left and on the right arm
+    /// Total skinning weights of the left and of the right arm, per vertex
     arms: Vec<[f64; 2]>,
     /// The undisplaced surface
     rest: Vec<DVec3>,
@@ -236,7 +236,7 @@ impl<'a> Body<'a> {
         }
     }
 
-    /// Makes the whole figure wider, and lifts its middle
+    /// Widens the complete body, and lifts its middle
     fn reshape(&mut self, step: &SharedStep, stature_mm: f64) {
         let frame = self.reshape_frame(stature_mm);
         let move_point = |p: &mut DVec3, arms| *p = step.reshaped(*p, frame.rates(*p, arms));
@@ -257,7 +257,7 @@ impl<'a> Body<'a> {
         }
     }
 
-    /// Brings the reference pose into another pose
+    /// Moves the reference pose to another pose
     fn repose(&mut self, pose: &Pose) {
         let posed = pose_bones(&self.bone_heads, pose, TurnAngle::default());
         self.rest = posed.skin(&self.rest, self.weights);
@@ -267,10 +267,10 @@ impl<'a> Body<'a> {
     }
 }
 
-/// Whether a bone's mean rotation over all views is the person's posture
+/// Whether a bone's mean rotation over all views belongs to the person's posture
 ///
-/// Arms and hands are held as the reference pose says, feet stand on the floor, and the root's lean belongs to
-/// the camera as much as to the person.
+/// Arms and hands are held according to the reference pose, feet stand on the floor, and the root's lean cannot be
+/// separated from the camera's pitch.
 fn carries_posture(bone: Bone) -> bool {
     use Bone::*;
     matches!(
@@ -290,8 +290,8 @@ fn carries_posture(bone: Bone) -> bool {
 
 /// Fits one body to all views
 ///
-/// `avatar` has the person's bone lengths, in the reference pose. `cancelled` is asked between rounds; the fit so far
-/// comes back.
+/// `avatar` has the person's bone lengths, in the reference pose. `cancelled` is queried between rounds; when it
+/// returns true, the current fit is returned.
 pub fn fit_body(
     avatar: &Avatar,
     views: &[BodyFitView],
@@ -303,7 +303,7 @@ pub fn fit_body(
     fit_outlines(avatar, views, &outlines, prior, options, cancelled)
 }
 
-/// The same with outlines that are known
+/// Like [`fit_body`], with given outlines
 pub(crate) fn fit_outlines(
     avatar: &Avatar,
     views: &[BodyFitView],
@@ -382,7 +382,7 @@ pub(crate) fn fit_outlines(
     fitted.bone_heads = body.bone_heads.map(|p| p - shift);
     fitted.keypoints = body.keypoints.map(|p| p - shift);
     for (pose, view) in poses.iter_mut().zip(&views) {
-        // The root turns about the origin, so that the same room points come from the shifted body.
+        // The root rotates about the origin, so that the shifted body gives the same room points.
         let turned = pose_bones(&body.bone_heads, pose, view.turn);
         pose.shift_mm = turned.carry(Bone::Root, shift);
     }
@@ -406,7 +406,7 @@ pub(crate) fn fit_outlines(
     (body, fitted_views)
 }
 
-/// Intersection over union of the posed body's silhouette with that of the photo, for each view
+/// Computes the intersection over union of the posed body's silhouette with that of the photo, for each view
 fn overlaps(fitted: &Avatar, views: &[BodyFitView], poses: &[Pose]) -> Vec<Option<f64>> {
     let mesh = SilhouetteMesh::new(&fitted.mesh.triangles);
     views
@@ -421,9 +421,9 @@ fn overlaps(fitted: &Avatar, views: &[BodyFitView], poses: &[Pose]) -> Vec<Optio
         .collect()
 }
 
-/// How far the undeformed avatar is off the outlines in its best poses (root mean square), in nominal px
+/// Returns the root mean square distance of the undeformed avatar from the outlines in its best poses, in nominal px
 ///
-/// Arguments as of [`fit_body`]; as wide as its first round.
+/// Arguments as of [`fit_body`]; uses the search radius of its first round.
 pub(crate) fn rigid_residual(
     avatar: &Avatar,
     posture: &Pose,
@@ -451,9 +451,9 @@ pub(crate) fn rigid_residual(
     shape_step::residual(&rows, &round)
 }
 
-/// Outlines of the silhouettes of all views, as they are fitted
+/// Outlines of the silhouettes of all views
 ///
-/// They follow from silhouettes, cameras and stature, not from poses: several fits can share them.
+/// They depend on silhouettes, cameras and stature, not on poses, so several fits can share them.
 #[derive(Debug, Clone)]
 pub(crate) struct Outlines(Vec<Outline>);
 
@@ -466,20 +466,20 @@ impl Outlines {
     }
 }
 
-/// Standard deviation of a person's own posture from the figure's, over that of one view's pose from the posture
+/// Standard deviation of a posture around the avatar's, relative to that of one view's pose around the posture
 ///
-/// Rendered scans and random people, mean surface error with 8 views: 2.99 and 2.65 mm when the mean of the poses
-/// counts in full, 2.93 and 2.61 mm with 1.0, 2.92 and 2.70 mm with 0.7. It matters most for few views: of 32 people
-/// in four views three are more than 7 mm off without it, and one with it.
+/// Rendered scans and random people, mean surface error with 8 views: 2.99 and 2.65 mm with the full mean of the
+/// poses, 2.93 and 2.61 mm with 1.0, 2.92 and 2.70 mm with 0.7. It matters most for few views: of 32 people in four
+/// views, three are off by more than 7 mm without it, and one with it.
 const POSTURE_SPREAD: f64 = 1.0;
 
-/// Takes what all poses share, alike on both sides, out of them and into the surface
+/// Transfers the symmetric part of the mean pose to the surface
 ///
-/// The mean of a few swaying views is lopsided by chance: 2.5 degrees of sway of a thigh leave 0.9 degrees over eight views,
-/// which is 12 mm at the foot. So the lopsided part stays in the poses (surface error of three rendered scans: 2.35 mm;
-/// with it 2.71 mm). The body of a person who always stands lopsided comes out upright. What is alike on both sides is in
-/// part chance, too: the figure's own posture counts as much as `POSTURE_SPREAD` says. `transferred` is what went into
-/// the surface so far.
+/// The mean of a few swaying views is asymmetric by chance: 2.5 degrees of sway of a thigh leave 0.9 degrees over
+/// eight views, which is 12 mm at the foot. The asymmetric part therefore remains in the poses (surface error of three
+/// rendered scans: 2.35 mm; with it 2.71 mm); bodies of people who always stand asymmetrically come out upright. The
+/// symmetric part is partly random, too: `POSTURE_SPREAD` gives the weight of the avatar's posture. `transferred` is
+/// the part already in the surface.
 fn transfer_mean_pose(
     body: &mut Body,
     poses: &mut [Pose],
@@ -491,7 +491,7 @@ fn transfer_mean_pose(
         let rotations = poses.iter().map(|pose| pose.rotations[bone]);
         rotations.sum::<DVec3>()
     };
-    // Seen in a mirror (x to -x), a rotation keeps its part about x and reverses the others.
+    // A reflection (x to -x) keeps a rotation's component about x and negates the others.
     let flip = DVec3::new(1.0, -1.0, -1.0);
     let prior = POSTURE_SPREAD.powi(-2);
     let mut shared = Pose::default();

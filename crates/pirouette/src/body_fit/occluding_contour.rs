@@ -1,24 +1,24 @@
-//! The rim of a posed surface: the vertices that its silhouette's outline runs through.
+//! The occluding contour of a posed surface: the vertices on its silhouette's outline.
 
 use glam::{DVec2, DVec3};
 
 use super::outline::EdgePoint;
 use pirouette_body::{Camera, Projector};
 
-/// A rim vertex counts when a point this far outside of it, in nominal px, is free of the surface
+/// A contour vertex is visible when the point this far outside of it, in nominal px, is not covered by the surface
 ///
-/// An arm's rim in front of the trunk is no outline. More, and rims in narrow gaps are lost; less, and the
-/// zigzag of a rim along the edges of the mesh hides its own vertices.
+/// An arm's contour in front of the trunk is not part of the outline. Larger values lose contours in narrow gaps;
+/// smaller values let the zigzag of a contour along mesh edges hide its own vertices.
 const CLEARANCE: f64 = 1.6;
 
-/// Rows of the photo that share a list of edges, in nominal px
+/// Height of a strip of the photo with one list of edges, in nominal px
 const STRIP: f64 = 4.0;
 
-/// What the rim needs to know of a mesh, found once
+/// Precomputed mesh connectivity for occluding contours
 #[derive(Debug, Clone)]
 pub struct ContourMesh {
     triangles: Vec<[u32; 3]>,
-    /// Each edge with its triangles: the first runs along it as given, the second back
+    /// Each edge with its triangles: the first uses it as given, the second reversed
     edges: Vec<([u32; 2], [u32; 2])>,
     /// Triangles of vertex `v`: `star[first[v]..first[v + 1]]`
     first: Vec<u32>,
@@ -33,10 +33,10 @@ pub(super) struct RimVertex {
 }
 
 impl ContourMesh {
-    /// Finds edges and stars of a closed manifold mesh; edges of other kinds are left out
+    /// Collects edges and stars of a closed manifold mesh; non-manifold edges are ignored
     ///
     /// # Panics
-    /// When a triangle names a vertex that does not exist.
+    /// When a triangle refers to a vertex that does not exist.
     pub fn new(triangles: &[[u32; 3]], vertex_count: usize) -> Self {
         let mut halves: Vec<([u32; 2], bool, u32)> = Vec::with_capacity(3 * triangles.len());
         let mut first = vec![0u32; vertex_count + 1];
@@ -74,7 +74,7 @@ impl ContourMesh {
         }
     }
 
-    /// Rim vertices that the outline of the posed surface runs through, in ascending order
+    /// Returns the contour vertices on the outline of the posed surface, in ascending order
     ///
     /// `posed` in the room, in mm; a nominal pixel is `unit_px` large; empty when a vertex is behind the camera.
     pub(super) fn rim(&self, posed: &[DVec3], camera: &Camera, unit_px: f64) -> Vec<RimVertex> {
@@ -92,7 +92,7 @@ impl ContourMesh {
             .iter()
             .map(|t| {
                 let [a, b, c] = t.map(|v| photo[v as usize]);
-                // Outward triangles run counter-clockwise seen from outside; the photo's y points down.
+                // Outward triangles are counter-clockwise seen from outside; the photo's y points down.
                 (b - a).perp_dot(c - a) < 0.0
             })
             .collect();
@@ -122,7 +122,7 @@ impl ContourMesh {
             .collect()
     }
 
-    /// Direction in the photo in which the surface ends at a rim vertex
+    /// Returns the outward normal of the surface in the photo at a contour vertex
     fn photo_normal(&self, vertex: u32, posed: &[DVec3], projector: &Projector) -> Option<DVec2> {
         let v = vertex as usize;
         let star = &self.star[self.first[v] as usize..self.first[v + 1] as usize];
@@ -133,14 +133,14 @@ impl ContourMesh {
                 (b - a).cross(c - a)
             })
             .sum();
-        // A plane through the center of projection is seen as a line across the view's x and y of its normal.
+        // A plane through the center of projection projects to a line perpendicular to x and y of its normal.
         let origin = projector.view_from_room(posed[v]);
         let tip = projector.view_from_room(posed[v] + normal);
         (tip - origin).truncate().try_normalize()
     }
 }
 
-/// Directed edges by the rows that they cross
+/// Directed edges by the strips that they cross
 struct Strips {
     low: f64,
     strip_px: f64,
@@ -188,7 +188,7 @@ impl Strips {
         }
     }
 
-    /// How often the outline winds around a point
+    /// Returns the winding number of the outline around a point
     fn winding(&self, p: DVec2) -> i32 {
         let strip = (p.y - self.low) / self.strip_px;
         if !(strip >= 0.0 && strip < (self.first.len() - 1) as f64) {

@@ -1,24 +1,24 @@
-//! The outline of a silhouette as points with normals, and which of them lies nearest.
+//! The outline of a silhouette as points with normals, and their nearest neighbors.
 
 use glam::DVec2;
 use pirouette_geom::Windowed;
 use pirouette_geom::contour::trace_windowed;
 
-/// Points along the outline are this far apart, in nominal px
+/// Spacing of the points along the outline, in nominal px
 ///
-/// Finer gains nothing: neighbors have the same noise.
+/// A smaller spacing has no benefit: neighbors have the same noise.
 pub(super) const SPACING: f64 = 1.5;
 
-/// Loops shorter than this are noise, in nominal px
+/// Minimum length of a loop, in nominal px; shorter ones are noise
 const MIN_LOOP: f64 = 40.0;
 
-/// Tangents are taken over this many points to either side
+/// Tangents are computed over this many points to either side
 const TANGENT_REACH: usize = 2;
 
-/// Edge of a cell of the search grid, in nominal px
+/// Cell size of the search grid, in nominal px
 const CELL: f64 = 8.0;
 
-/// A point with the direction that leads out of the person
+/// A point with the outward normal of the person
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct EdgePoint {
     pub(super) position: DVec2,
@@ -26,7 +26,7 @@ pub(super) struct EdgePoint {
     pub(super) normal: DVec2,
 }
 
-/// Traces all loops of a soft silhouette, holes too; a nominal pixel is `unit_px` large
+/// Traces all loops of a soft silhouette, including holes; a nominal pixel is `unit_px` large
 pub(super) fn trace(soft: &Windowed<f32>, unit_px: f64) -> Vec<EdgePoint> {
     let mut points = Vec::new();
     for contour in trace_windowed(soft, 0.5) {
@@ -37,7 +37,7 @@ pub(super) fn trace(soft: &Windowed<f32>, unit_px: f64) -> Vec<EdgePoint> {
         let n = along.len();
         for (i, &position) in along.iter().enumerate() {
             let tangent = along[(i + TANGENT_REACH) % n] - along[(i + n - TANGENT_REACH) % n];
-            // Clockwise on screen around the person, so that out is a quarter turn to the left.
+            // Clockwise on screen around the person, so that the outward direction is a quarter turn to the left.
             if let Some(tangent) = tangent.try_normalize() {
                 points.push(EdgePoint {
                     position,
@@ -53,7 +53,7 @@ pub(super) fn trace(soft: &Windowed<f32>, unit_px: f64) -> Vec<EdgePoint> {
 #[derive(Debug, Clone)]
 pub(super) struct PointIndex {
     points: Vec<EdgePoint>,
-    /// Place of each point in the list that it was made of
+    /// Index of each point in the original list
     origins: Vec<u32>,
     low: DVec2,
     cell_px: f64,
@@ -64,7 +64,7 @@ pub(super) struct PointIndex {
 }
 
 impl PointIndex {
-    /// Sorts points into cells; those that are not finite are left out
+    /// Sorts points into cells; non-finite ones are ignored
     pub(super) fn new(points: &[EdgePoint], unit_px: f64) -> Self {
         let cell_px = CELL * unit_px;
         let usable = |p: &&EdgePoint| p.position.is_finite() && p.normal.is_finite();
@@ -109,9 +109,9 @@ impl PointIndex {
         }
     }
 
-    /// The nearest point within `radius_px` whose normal agrees: its place in the list, and itself
+    /// Returns the nearest point within `radius_px` with a matching normal, and its index in the list
     ///
-    /// Normals agree when the cosine between them is above `min_cosine`.
+    /// Normals match when the cosine between them is above `min_cosine`.
     pub(super) fn nearest(
         &self,
         to: EdgePoint,
@@ -125,7 +125,7 @@ impl PointIndex {
         let (column, row) = (at.x.floor() as isize, at.y.floor() as isize);
         let mut best = None;
         let mut best_squared = radius_px * radius_px;
-        // Rings nearer than the grid hold nothing, and none lies beyond its far end.
+        // Rings below `nearest` and beyond `farthest` do not meet the grid.
         let beyond = |at: isize, count: usize| (-at).max(at - count as isize + 1).max(0);
         let across = |at: isize, count: usize| at.max(count as isize - 1 - at);
         let nearest = beyond(column, self.columns).max(beyond(row, self.rows));

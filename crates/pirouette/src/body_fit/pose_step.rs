@@ -1,4 +1,4 @@
-//! The equations of one view's pose, given the surface: Gauss-Newton on outline and keypoints.
+//! Equations of one view's pose for a given surface: Gauss-Newton on outline and keypoints.
 
 use glam::DVec3;
 
@@ -12,25 +12,25 @@ use pirouette_body::{Motion, Pose, PosedBones, SkinWeight, pose_bones};
 /// Unknowns of one pose
 pub(super) const POSE: usize = Pose::PARAMETER_COUNT;
 
-/// Unknowns of one pose, and those that all views share
+/// Unknowns of one pose and those shared by all views
 pub(super) const ALL: usize = POSE + SHARED;
 
 /// Standard deviation of an outline point, in nominal px
 const OUTLINE_SIGMA: f64 = 2.0;
 
-/// Residuals beyond this many nominal px lose weight: the reciprocal of the fourth power in the end
+/// Residuals beyond this many nominal px lose weight, asymptotically by the reciprocal of the fourth power
 const ROBUST: f64 = 6.0;
 
-/// Share of its weight that an outline point keeps: neighbors err together
+/// Fraction of its weight that an outline point keeps: errors of neighbors are correlated
 const OUTLINE_SHARE: f64 = 0.25;
 
-/// Keypoints farther off than this many standard deviations lose weight
+/// Keypoints with a residual above this many standard deviations lose weight
 const KEYPOINT_WIDTH: f64 = 3.0;
 
 /// Steps per round
 pub(super) const STEPS: usize = 2;
 
-/// The bones in a pose of one view, as `shared` reshapes the body
+/// Returns the bones in the pose of one view, for the body reshaped by `shared`
 fn posed_bones(body: &Body, view: &BodyFitView, pose: &Pose, shared: &SharedStep) -> PosedBones {
     let frame = body.reshape_frame(view.stature_mm);
     let heads = PerBone::from_fn(|bone| {
@@ -41,7 +41,7 @@ fn posed_bones(body: &Body, view: &BodyFitView, pose: &Pose, shared: &SharedStep
     pose_bones(&heads, pose, view.turn)
 }
 
-/// Normal equations of one pose and what all views share, lower triangle
+/// Normal equations of one pose and the shared unknowns, lower triangle
 pub(super) struct Equations {
     pub(super) matrix: [[f64; ALL]; ALL],
     pub(super) right: [f64; ALL],
@@ -60,7 +60,7 @@ impl Equations {
     }
 }
 
-/// Bones that move a point, each with the share by which it does: those of its weights and all above
+/// Returns the total weights by which bones move a point: those of its skinning weights and all ancestors
 fn shares(weights: impl Iterator<Item = (Bone, f64)>) -> PerBone<f64> {
     let mut shares = PerBone::splat(0.0);
     for (bone, weight) in weights {
@@ -73,9 +73,9 @@ fn shares(weights: impl Iterator<Item = (Bone, f64)>) -> PerBone<f64> {
     shares
 }
 
-/// The equations of one view about a pose and what is shared so far; the prior of the pose is in them
+/// Returns the equations of one view at the current pose and shared unknowns, including the prior of the pose
 ///
-/// `matches` say what explains the outline; `prior` is the pose that sway goes about. `None` when rounding breaks them.
+/// `matches` are those of the outline; sway is centered at `prior`. `None` when the equations cannot be solved.
 pub(super) fn equations(
     body: &Body,
     view: &BodyFitView,
@@ -124,7 +124,7 @@ pub(super) fn equations(
         .then_some(equations)
 }
 
-/// Derivatives of `gradient . point` by the parameters of the pose that move the point
+/// Writes the derivatives of `gradient . point` by the parameters of the pose that move the point
 fn fill_row(
     motions: &[Motion; POSE],
     shares: &PerBone<f64>,
@@ -149,7 +149,7 @@ fn fill_row(
     }
 }
 
-/// Derivatives by what all views share; `reshaped` are those of the point in the room by width and lift
+/// Writes the derivatives by the shared unknowns; `reshaped` are those of the point in the room by width and lift
 fn fill_shared(
     view: &BodyFitView,
     gradient: DVec3,

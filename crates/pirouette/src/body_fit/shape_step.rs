@@ -1,4 +1,4 @@
-//! The surface, given the poses of all views: one sparse linear least squares problem.
+//! The surface for given poses of all views: one sparse linear least squares problem.
 
 use glam::{DMat3, DVec3};
 use pirouette_geom::sparse::{BlockSolver, Place};
@@ -10,19 +10,19 @@ use super::{Body, BodyFitOptions, BodyFitView};
 use pirouette_body::Projector;
 use pirouette_body::{Pose, PosedBones, pose_bones};
 
-/// Weight of a displacement itself, per squared mm: keeps parts that no view tells anything of
+/// Tikhonov weight of a displacement, per squared mm: keeps unobserved vertices at rest
 const SMALLNESS: f64 = 1e-4;
 
 /// Weight of the difference between a displacement and that of the mirrored vertex
 const SYMMETRY: f64 = 0.3;
 
-/// Soles up to this high stand on the floor, in mm
+/// Height up to which vertices are soles that stand on the floor, in mm
 const SOLE_MM: f64 = 5.0;
 
-/// All soles together weigh as much as this many points, each 1 per squared mm
+/// Total weight of all soles, in points of weight 1 per squared mm
 const SOLE_WEIGHT: f64 = 60.0;
 
-/// Vertices at the top of the head that hold the stature
+/// Vertices at the top of the head that are constrained to the stature
 const CROWN_COUNT: usize = 4;
 
 /// The system of the shape step: analyzed once per surface
@@ -37,7 +37,7 @@ pub(super) struct ShapeSolver<'a> {
     anchors: Vec<Anchor>,
 }
 
-/// A vertex whose height is known
+/// A vertex with known height
 #[derive(Debug, Clone, Copy)]
 struct Anchor {
     vertex: u32,
@@ -62,7 +62,7 @@ pub(super) struct Row {
 impl<'a> ShapeSolver<'a> {
     /// Analyzes the system; `None` when memory runs out
     ///
-    /// `stature_mm` anchors the crown, if it is known.
+    /// `stature_mm` constrains the crown, if known.
     pub(super) fn new(
         surface: &'a Surface,
         body: &Body,
@@ -116,10 +116,10 @@ impl<'a> ShapeSolver<'a> {
         })
     }
 
-    /// Finds the displacements that explain all outlines best
+    /// Solves for the displacements that best explain all outlines
     ///
-    /// Returns how far the surface was off before, as the root mean square in nominal px of residuals no larger than
-    /// the round's robust width; `None` when the equations break.
+    /// Returns the root mean square residual of the previous surface in nominal px, with residuals clamped to the
+    /// round's robust width; `None` when the equations cannot be solved.
     pub(super) fn step(
         &mut self,
         body: &mut Body,
@@ -135,7 +135,7 @@ impl<'a> ShapeSolver<'a> {
         self.system.clear();
         let mut right = vec![DVec3::ZERO; surface.coarse_count()];
         for row in rows.iter().flatten() {
-            // Linear about the displacements so far.
+            // Linear about the current displacements.
             let v = row.vertex as usize;
             let now = body.positions[v] - body.rest[v];
             let target = row.gradient.dot(now) - row.residual;
@@ -157,7 +157,7 @@ impl<'a> ShapeSolver<'a> {
         }
         if options.symmetry {
             let flip = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
-            // Both vertices of a pair see the same difference.
+            // Both vertices of a pair get the same difference.
             let weight = 2.0 * SYMMETRY * density;
             for &[v, image] in &self.pairs.clone() {
                 if v == image {
@@ -237,7 +237,7 @@ fn anchors(rest: &[DVec3], stature_mm: Option<f64>) -> Vec<Anchor> {
     anchors
 }
 
-/// The residuals of all views
+/// Computes the residuals of all views
 pub(super) fn rows(
     body: &Body,
     views: &[BodyFitView],
@@ -282,7 +282,7 @@ fn row(
     }
 }
 
-/// Root mean square of all residuals, none larger than the robust width, in nominal px
+/// Returns the root mean square of all residuals, clamped to the robust width, in nominal px
 pub(super) fn residual(rows: &[Vec<Row>], round: &super::Round) -> f64 {
     let (mut sum, mut weight) = (0.0, 0.0);
     for row in rows.iter().flatten() {

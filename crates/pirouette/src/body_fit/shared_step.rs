@@ -1,9 +1,9 @@
-//! Poses of all views together with what they share: the camera, and the coarse size of the surface.
+//! Poses of all views together with shared unknowns: the camera, and the coarse size of the surface.
 //!
-//! A camera that stands a little nearer, a little lower or a little tilted shows nearly the same as another body in other
-//! places: wider, or lifted. What tells them apart are the soles on the floor and the crown at the stature. In turn with
-//! the surface, both would creep; so width and lift of the surface are unknowns beside the camera, and the poses are
-//! eliminated view by view (Schur complement).
+//! A camera slightly nearer, lower or tilted gives nearly the same images as a wider or lifted body at other positions.
+//! The soles on the floor and the crown at the stature separate them. Solved alternately with the surface, both would
+//! drift; therefore width and lift of the surface are unknowns together with the camera, and the poses are eliminated
+//! view by view (Schur complement).
 
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
@@ -17,21 +17,21 @@ use pirouette_body::Bone;
 use pirouette_body::Camera;
 use pirouette_body::{Pose, SkinWeight};
 
-/// Number of unknowns that all views share
+/// Number of unknowns shared by all views
 pub(super) const SHARED: usize = 5;
 
-/// Prior standard deviation of the factor by which the surface is wider than so far
+/// Prior standard deviation of the relative change in width
 const WIDTH_SIGMA: f64 = 0.05;
 
 /// Prior standard deviation of the lift of the body's middle, in mm
 const LIFT_SIGMA_MM: f64 = 20.0;
 
-/// What all views share, as changes
+/// Changes of the shared unknowns
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct SharedStep {
-    /// Part by which the body becomes wider and deeper
+    /// Relative change of width and depth of the body
     pub(super) width: f64,
-    /// How far its middle is lifted, in mm; soles and crown stay
+    /// Lift of its middle, in mm; soles and crown are not moved
     pub(super) lift_mm: f64,
     pub(super) distance_mm: f64,
     pub(super) height_mm: f64,
@@ -49,7 +49,7 @@ impl SharedStep {
         }
     }
 
-    /// The camera after this step
+    /// Returns the camera after this step
     pub(super) fn moved(&self, camera: &Camera) -> Camera {
         Camera {
             distance_mm: camera.distance_mm + self.distance_mm,
@@ -59,13 +59,13 @@ impl SharedStep {
         }
     }
 
-    /// A point of the reference pose after this step
+    /// Returns a point of the reference pose after this step
     pub(super) fn reshaped(&self, point: DVec3, rates: [DVec3; 2]) -> DVec3 {
         point + rates[0] * self.width + rates[1] * self.lift_mm
     }
 }
 
-/// How width and lift move the points of a figure in the reference pose
+/// Response of the points of an avatar in the reference pose to width and lift
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reshape {
     pub(super) stature_mm: f64,
@@ -73,16 +73,16 @@ pub(super) struct Reshape {
     pub(super) shoulders: [DVec3; 2],
 }
 
-/// By which share a point hangs on the left and on the right arm
+/// Returns the total skinning weights of the left and of the right arm
 pub(super) fn arm_shares(weight: &SkinWeight) -> [f64; 2] {
     [Bone::LeftUpperArm, Bone::RightUpperArm].map(|arm| weight.below(arm))
 }
 
 impl Reshape {
-    /// Derivatives of a point of the reference pose by width and lift
+    /// Returns the derivatives of a point of the reference pose by width and lift
     ///
-    /// A wider or lifted trunk takes the arms along as they are: stretched, they would hang at another angle than the
-    /// reference pose says. The lift is that of a string that is held at floor and crown.
+    /// A wider or lifted trunk moves the arms rigidly: stretched arms would differ from the angle of the reference
+    /// pose. The lift is that of a string fixed at floor and crown.
     pub(super) fn rates(&self, point: DVec3, arms: [f64; 2]) -> [DVec3; 2] {
         let flat = DVec3::new(1.0, 0.0, 1.0);
         let mut wider = point * flat * (1.0 - arms[0] - arms[1]);
@@ -101,7 +101,7 @@ impl Reshape {
     }
 }
 
-/// Derivatives of a room point, as the camera sees it, by distance, height and pitch of the camera
+/// Returns the derivatives of a room point, as seen by the camera, by distance, height and pitch of the camera
 pub(super) fn camera_rates(point: DVec3, camera: &Camera) -> [DVec3; 3] {
     [
         DVec3::NEG_Z,
@@ -110,17 +110,17 @@ pub(super) fn camera_rates(point: DVec3, camera: &Camera) -> [DVec3; 3] {
     ]
 }
 
-/// The poses of all views after a step, and what they share
+/// The poses of all views and the shared unknowns after a step
 #[derive(Debug)]
 pub(super) struct PoseUpdate {
     pub(super) poses: Vec<Pose>,
     pub(super) shared: SharedStep,
 }
 
-/// Moves all poses, the camera and the size of the surface closer to outlines and keypoints
+/// Improves all poses, the camera and the size of the surface to match outlines and keypoints
 ///
-/// `views` hold the camera so far, `start` is the camera that `spread` is about. What has no spread stays; without any,
-/// the surface stays as well. `matches` stay the same in all steps.
+/// `views` hold the current camera, `start` is the camera at which `spread` is centered. Parameters without spread are
+/// constant; without any spread, the surface is constant, too. `matches` are the same in all steps.
 pub(super) fn step_together(
     body: &Body,
     views: &[BodyFitView],
@@ -190,9 +190,9 @@ fn sigmas(spread: &CameraSpread) -> [f64; SHARED] {
     ]
 }
 
-/// One view with its pose expressed by what is shared
+/// One view with its pose eliminated, as a function of the shared unknowns
 struct Eliminated {
-    /// Step of the pose without any of the shared unknowns, then what each of them takes from it
+    /// Pose step for zero shared unknowns, then the reduction by each of them
     answers: Mat<f64>,
     matrix: [[f64; SHARED]; SHARED],
     right: [f64; SHARED],
@@ -237,7 +237,7 @@ impl Eliminated {
     }
 }
 
-/// The shared step; zero where the prior has no spread, or when rounding breaks the equations
+/// Solves for the shared step; zero where the prior has no spread, or when the equations cannot be solved
 fn solve_shared(
     views: &[Option<Eliminated>],
     sigmas: &[f64; SHARED],
@@ -248,7 +248,7 @@ fn solve_shared(
     if free.is_empty() {
         return step;
     }
-    // In units of the prior deviations, so that all numbers are of one size.
+    // In units of the prior standard deviations, for similar magnitudes.
     let matrix = Mat::<f64>::from_fn(free.len(), free.len(), |i, j| {
         let (s, t) = (free[i], free[j]);
         let seen: f64 = views.iter().flatten().map(|view| view.matrix[s][t]).sum();

@@ -1,4 +1,4 @@
-//! What moves the surface that is fitted: displacements of a coarse mesh on some of its vertices.
+//! Parameters of the fitted surface: displacements of a coarse mesh on some of its vertices.
 
 use glam::DVec3;
 use pirouette_geom::coarsen::{CoarseMesh, coarsen_levels};
@@ -6,21 +6,21 @@ use pirouette_geom::coarsen::{CoarseMesh, coarsen_levels};
 use pirouette_body::Avatar;
 use pirouette_body::Bone;
 
-/// Vertices for which the weights of the smoothness were found
+/// Number of vertices to which the smoothness weights refer
 ///
-/// The energies are sums over vertices; with more of them each counts less.
+/// The energies are sums over vertices; with more vertices, each has less weight.
 const NOMINAL_COUNT: f64 = 3500.0;
 
-/// Bending of hands costs this much more, and of feet and head that much
+/// Bending stiffness factors of hands, and of feet and head
 ///
-/// Hands are a few pixels wide: their shape comes from the avatar.
+/// Hands are a few pixels wide: their shape is that of the avatar.
 const HAND_STIFFNESS: f64 = 5.0;
 const END_STIFFNESS: f64 = 1.5;
 
-/// Mirrored vertices are found within this distance, as a part of the stature
+/// Search radius for mirrored vertices, relative to the stature
 const MIRROR_TOLERANCE: f64 = 0.001;
 
-/// A coarse mesh on an avatar's vertices, and what its bending depends on
+/// A coarse mesh on an avatar's vertices, with its bending properties
 #[derive(Debug, Clone)]
 pub(super) struct Surface {
     pub(super) coarse: CoarseMesh,
@@ -28,12 +28,12 @@ pub(super) struct Surface {
     pub(super) neighbors: Vec<Vec<u32>>,
     /// Bending stiffness of each coarse vertex
     pub(super) stiffness: Vec<f64>,
-    /// The coarse vertex on the other side; itself in the middle, `None` without a partner
+    /// Mirrored coarse vertex of each one; itself on the mirror plane, `None` without one
     pub(super) mirror: Vec<Option<u32>>,
 }
 
 impl Surface {
-    /// Surfaces of about so many coarse vertices, in descending order, each on some of the vertices of the one before
+    /// Creates surfaces with about these numbers of coarse vertices, in descending order, each a subset of the previous
     pub(super) fn levels(avatar: &Avatar, coarse_counts: &[usize]) -> Vec<Self> {
         let tolerance_mm = MIRROR_TOLERANCE * avatar.stature_mm();
         let mirror = mirror_vertices(&avatar.mesh.positions, tolerance_mm);
@@ -84,20 +84,20 @@ impl Surface {
         }
     }
 
-    /// Number of unknown displacements
+    /// Returns the number of unknown displacements
     pub(super) fn coarse_count(&self) -> usize {
         self.coarse.vertices.len()
     }
 
-    /// Factor of energies that are sums over coarse vertices
+    /// Returns the factor of energies that are sums over coarse vertices
     pub(super) fn density(&self) -> f64 {
         NOMINAL_COUNT / self.coarse_count() as f64
     }
 }
 
-/// The vertex at the mirror image (x to -x) of each vertex, if all have one
+/// Returns the vertex at the mirror image (x to -x) of each vertex, if all have one
 fn mirror_vertices(positions: &[DVec3], tolerance_mm: f64) -> Option<Vec<u32>> {
-    // Sorted by height, candidates are few.
+    // Sorted by height, there are few candidates.
     let mut by_height: Vec<u32> = (0..positions.len() as u32).collect();
     let height = |v: &u32| positions[*v as usize].y;
     by_height.sort_by(|a, b| height(a).total_cmp(&height(b)));

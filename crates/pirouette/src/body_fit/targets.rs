@@ -1,4 +1,4 @@
-//! Where the outline of a photo goes when the fitted body takes the reference pose.
+//! Positions of a photo's outline points when the fitted body takes the reference pose.
 
 use glam::DVec2;
 
@@ -9,25 +9,25 @@ use pirouette_body::Camera;
 use pirouette_body::TurnAngle;
 use pirouette_body::{NOMINAL_STATURE_PX, Pose, PosedAvatar, pose_bones};
 
-/// Outline points take part in the motion of the rim within this distance, in nominal px
+/// Maximum distance of outline points from the occluding contour that moves them, in nominal px
 const RADIUS: f64 = 12.0;
 
-/// ... when the cosine between both normals is above this
+/// Minimum cosine between both normals
 const MIN_COSINE: f64 = 0.5;
 
-/// The rim of the fitted body in one photo, and where each of its points lies in the reference pose
+/// The occluding contour of the fitted body in one photo, with the position of its points in the reference pose
 #[derive(Debug, Clone)]
 pub struct OutlineTargets {
     index: PointIndex,
     radius_px: f64,
-    /// Per rim point: position in the reference pose, and by what the surface turns there in the photo's plane
+    /// Per contour point: position in the reference pose, and rotation of the surface in the photo's plane
     moved: Vec<(DVec2, DVec2)>,
 }
 
 impl OutlineTargets {
-    /// Follows the rim of a fitted body from its pose in a photo into the reference pose, turned like the view
+    /// Maps the occluding contour of a fitted body from its pose in a photo to the reference pose, turned as in it
     ///
-    /// `rim` is made of the body's mesh.
+    /// `rim` is created from the body's mesh.
     pub fn new(
         avatar: &Avatar,
         rim: &ContourMesh,
@@ -51,7 +51,7 @@ impl OutlineTargets {
                 let (weight, position) = (&avatar.weights[v], mesh.positions[v]);
                 let [to, from] = [&reference, &photo].map(|bones| bones.blend(weight));
                 let turned = to.matrix3 * from.matrix3.transpose();
-                // The room's x and y are the photo's x and minus y: the turn changes its sign twice.
+                // The room's x and y are the photo's x and minus y: the turn changes sign twice.
                 let turned = DVec2::new(turned.x_axis.x, -turned.x_axis.y);
                 let target = camera.project(to.transform_point3(position));
                 (target, turned.try_normalize().unwrap_or(DVec2::X))
@@ -65,9 +65,9 @@ impl OutlineTargets {
         }
     }
 
-    /// Where a point of the outline goes, in px; `None` where no rim is near
+    /// Returns the target of an outline point, in px; `None` if no contour is near
     ///
-    /// `normal` leads out of the person. How far the point is off the rim stays, turned with the surface.
+    /// `normal` points out of the person. The offset from the contour is kept, rotated with the surface.
     pub fn target(&self, position: DVec2, normal: DVec2) -> Option<DVec2> {
         let point = EdgePoint { position, normal };
         let (at, rim) = self.index.nearest(point, self.radius_px, MIN_COSINE)?;

@@ -9,7 +9,7 @@ use pirouette_body::{Keypoint, PosedAvatar};
 use pirouette_geom::Grid;
 use pirouette_synthetic::{Random, SyntheticOptions};
 
-/// What cameras see of a figure, without photos
+/// Views of an avatar, without photos
 struct Seen {
     silhouettes: Vec<Windowed<f32>>,
     keypoints: Vec<Keypoints>,
@@ -131,13 +131,13 @@ fn quick() -> BodyFitOptions {
     options
 }
 
-/// Mean distance between vertices that belong together, in mm
+/// Returns the mean distance between corresponding vertices, in mm
 fn mean_distance(a: &Avatar, b: &Avatar) -> f64 {
     let pairs = a.mesh.positions.iter().zip(&b.mesh.positions);
     pairs.map(|(p, q)| p.distance(*q)).sum::<f64>() / a.mesh.positions.len() as f64
 }
 
-/// Level of a tape of the trunk where the figure itself has it, and the tape length there
+/// Returns the level of a trunk tape of the avatar, and the tape length there
 fn true_tape(figure: &Avatar, height: Measure) -> (f64, f64) {
     let measures = measure_figure(figure);
     let found = measures.iter().find(|(measure, _)| *measure == height);
@@ -145,7 +145,7 @@ fn true_tape(figure: &Avatar, height: Measure) -> (f64, f64) {
     (level_mm, girth_at(figure, level_mm))
 }
 
-/// Tape length of the longest level section
+/// Returns the tape length of the longest level section
 fn girth_at(figure: &Avatar, level_mm: f64) -> f64 {
     plane_section(&figure.mesh, DVec3::Y * level_mm, DVec3::Y)
         .iter()
@@ -192,7 +192,7 @@ fn sway_goes_into_the_poses_and_not_into_the_body() {
         .map(|_| Pose::from_parameters(&sigmas.map(|sigma| 0.5 * sigma * random.normal())))
         .collect();
     let fit = Seen::new(&truth, &turns, &poses).fit(&truth, &quick());
-    // Where the person stands is known only up to the mean of the sway, so that girths are compared.
+    // The position of the person is known only up to the mean of the sway, so girths are compared.
     for tape in [
         Measure::BustHeight,
         Measure::WaistHeight,

@@ -11,9 +11,9 @@ mod prior;
 mod tests;
 
 use pirouette_geom::{Grid, Mask, Windowed};
-use pirouette_segment::border::{clean, soft_border, tidy_soft};
+use pirouette_segment::border::{clean_mask, clean_soft_mask, soft_border};
+use pirouette_segment::clean_plate::CleanPlateOptions;
 use pirouette_segment::grabcut::{GrabCutError, GrabCutOptions, grabcut};
-use pirouette_segment::plate::PlateOptions;
 use pirouette_segment::scene::{SceneOptions, SceneView, segment_scene};
 use pirouette_segment::seeds::{LogOdds, Seed};
 use rayon::prelude::*;
@@ -46,8 +46,8 @@ pub struct SegmentOptions {
     /// One pair of color models for all views
     pub shared_models: bool,
     /// The clean plate; disabled automatically when the photos are not static
-    pub plate: bool,
-    /// Attenuation of contrast that the plate shows, too
+    pub clean_plate: bool,
+    /// Attenuation of contrast that the clean plate also has
     pub attenuation: bool,
     /// Unmixing of the border; otherwise the soft mask equals the hard one
     pub alpha: bool,
@@ -64,7 +64,7 @@ impl Default for SegmentOptions {
             prior: true,
             soft_prior: true,
             shared_models: true,
-            plate: true,
+            clean_plate: true,
             attenuation: true,
             alpha: true,
             passes: 2,
@@ -231,7 +231,7 @@ fn cut_together(
     let scene_options = SceneOptions {
         passes: options.passes,
         shared_models: options.shared_models,
-        plate: options.plate.then(PlateOptions::default),
+        clean_plate: options.clean_plate.then(CleanPlateOptions::default),
         attenuation: options.attenuation,
         unmix_border: options.alpha,
         ..SceneOptions::default()
@@ -275,13 +275,13 @@ fn cut_singly(
                     Ok((mask, soft))
                 }
                 Ok(mask) => {
-                    let mask = clean(&mask, prepared.scale);
+                    let mask = clean_mask(&mask, prepared.scale);
                     if !options.alpha {
                         let soft = mask.map(|&v| if v { 1.0 } else { 0.0 });
                         return Some(Ok((mask, soft)));
                     }
                     let mut soft = soft_border(view.photo, &mask, None, prepared.scale);
-                    let mask = tidy_soft(&mut soft, prepared.scale);
+                    let mask = clean_soft_mask(&mut soft, prepared.scale);
                     Ok((mask, soft))
                 }
                 Err(error) => Err(error.into()),

@@ -24,7 +24,7 @@ pub(super) struct PriorFit {
 }
 
 impl PriorFit {
-    /// A scan: the camera is known, clothes are tight, and the plate finds what the avatar lacks
+    /// A scan: the camera is known, clothes are tight, and the clean plate finds what the avatar lacks
     ///
     /// Lines from the neck to nose and ears leave the body under the chin and next to the neck, where the avatar may be
     /// wider than the person: `bone_px` 3 fills these hollows (mean IoU of five rendered scans 0.9858 instead of

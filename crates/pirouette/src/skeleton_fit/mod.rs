@@ -1,15 +1,15 @@
 //! One skeleton for all views: camera distance, bone lengths and the pose of each view from keypoints.
 //!
-//! The bundle explains every detected joint of every photo as one body, the reference figure with its bones
-//! stretched, in slightly different poses before one camera. Unknown are 60 numbers per view (rotations of 19
-//! bones and a shift) and, shared by all views, nine bone lengths, the places of the points of face and feet,
-//! and what is not known of the camera. Gauss-Newton with analytic derivatives and a loss that outliers cannot
-//! dominate; the poses are eliminated view by view (Schur complement), so that 72 views cost little more than
-//! their number. Starting from the reference pose suffices for people who try to hold it.
+//! The fit explains the detected joints of all photos by one body, the avatar with stretched bones, in slightly
+//! different poses in front of one camera. Unknowns are 60 numbers per view (rotations of 19 bones and a shift) and,
+//! shared by all views, nine bone lengths, the positions of the points of face and feet, and the unknown parameters
+//! of the camera. Solved by Gauss-Newton with analytic derivatives and a robust loss; the poses are eliminated view
+//! by view (Schur complement), so that the cost grows linearly with the number of views. The reference pose is a
+//! sufficient start for people who try to hold it.
 //!
-//! Left and right mixed up by the detector are found and fixed, other outliers are named. Hidden limbs are
-//! carried by the priors: keep in mind that their poses are guesses. The surface is only stretched along the
-//! bones, it says nothing about girths.
+//! Swaps of left and right by the detector are detected and fixed, other outliers are reported. The poses of hidden
+//! limbs are determined by the priors and therefore unreliable. The surface is only stretched along the bones, so its
+//! girths are not fitted.
 
 mod model;
 mod scales;
@@ -38,21 +38,21 @@ pub(crate) use start::keypoint_sigma_px;
 pub use swaps::SwapGroup;
 pub use turns::TurnCorrection;
 
-/// One photo as the bundle sees it
+/// Input of the fit from one photo
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KeypointView {
-    /// How far the person has turned
+    /// Turn angle of the person
     pub turn: TurnAngle,
     /// Detected joints, in px of the photo
     pub keypoints: Keypoints,
-    /// Columns of the photo
+    /// Width of the photo in px
     pub width_px: usize,
-    /// Rows of the photo
+    /// Height of the photo in px
     pub height_px: usize,
 }
 
 impl From<&View> for KeypointView {
-    /// The view as it was given
+    /// Copies the input of a view
     fn from(view: &View) -> Self {
         Self {
             turn: view.turn,
@@ -63,20 +63,20 @@ impl From<&View> for KeypointView {
     }
 }
 
-/// How the bundle is solved
+/// Options of [`fit_skeleton`]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SkeletonFitOptions {
-    /// Most rounds of Gauss-Newton; it usually stops after six to ten
+    /// Maximum number of Gauss-Newton rounds; usually six to ten are needed
     pub rounds: usize,
-    /// Whether left and right are swapped back where the detector mixed them up
+    /// Fixes swaps of left and right by the detector
     pub fix_swaps: bool,
-    /// How far a camera of unknown pitch may be from level, as a standard deviation; 0 holds it level
+    /// Prior standard deviation of an unknown camera pitch around level; 0 fixes it at level
     pub pitch_sigma_radians: f64,
-    /// Whether turn angles that go the wrong way round, or do not start at the front, are corrected
+    /// Corrects turn angles that run in the wrong direction or do not start at the front
     pub correct_turns: bool,
-    /// Whether arms and thighs may be held otherwise than in the reference pose in all views
+    /// Allows a posture: arms and thighs that differ from the reference pose in all views
     ///
-    /// Only where the keypoints clearly ask for it; else, and when this is off, all counts as sway, which the
+    /// Used only if the keypoints clearly support it; otherwise, and if disabled, all rotations are sway, which the
     /// priors keep small.
     pub free_posture: bool,
 }
@@ -93,45 +93,45 @@ impl Default for SkeletonFitOptions {
     }
 }
 
-/// A view as the skeleton explains it
+/// One view of the solution
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SkeletonView {
-    /// Turn angle: as given, unless [`Skeleton::turn_correction`] says otherwise
+    /// Turn angle: as given, or changed by [`Skeleton::turn_correction`]
     pub turn: TurnAngle,
-    /// The camera; those of all views differ in the size of the photo alone
+    /// The camera; the cameras of all views differ only in the size of the photo
     pub camera: Camera,
-    /// Keypoints, with left and right swapped back where they were mixed up
+    /// Keypoints, with swaps of left and right fixed
     pub keypoints: Keypoints,
-    /// Pose, posture and sway together
+    /// Pose: posture and sway combined
     pub pose: Pose,
 }
 
 /// One body for all views
 #[derive(Debug, Clone)]
 pub struct Skeleton {
-    /// The reference figure with the person's bone lengths and stature, on the floor, in the reference pose
+    /// The avatar with the person's bone lengths and stature, on the floor, in the reference pose
     pub avatar: Avatar,
-    /// The camera of the first view; those of the others differ in the size of the photo alone
+    /// The camera of the first view; those of the others differ only in the size of the photo
     pub camera: Camera,
-    /// What the given turn angles were changed by
+    /// Correction of the given turn angles
     pub turn_correction: TurnCorrection,
-    /// What the poses have in common against the reference pose: how arms and thighs are held
+    /// Posture: the common rotation of arms and thighs in all views, relative to the reference pose
     ///
-    /// Zero unless the keypoints clearly ask for it.
+    /// Zero unless the keypoints clearly support it.
     pub posture: Pose,
-    /// Bone lengths against the reference figure of the same stature
+    /// Bone lengths relative to the avatar at equal stature
     pub scales: BoneScales,
-    /// Which limbs had left and right mixed up, with their views
+    /// Limbs with swapped left and right, and their views
     pub swaps: Vec<(usize, SwapGroup)>,
-    /// Keypoints that no likely pose explains
+    /// Keypoints that no plausible pose explains
     pub outliers: Vec<Outlier>,
-    /// Root mean square distance of predicted from detected joints, outliers left out, in px
+    /// Root mean square distance of predicted and detected joints without outliers, in px
     pub rms_px: f64,
-    /// What was assumed or went wrong
+    /// Assumptions and problems
     pub warnings: Vec<SkeletonFitWarning>,
 }
 
-/// A keypoint that no likely pose explains
+/// A keypoint that no plausible pose explains
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outlier {
     /// Its view
@@ -142,7 +142,7 @@ pub struct Outlier {
     pub residual_px: f64,
 }
 
-/// What the bundle assumed or could not do
+/// Assumption or problem of the fit
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum SkeletonFitWarning {
     /// All lengths are in units of the assumed stature
@@ -150,15 +150,15 @@ pub enum SkeletonFitWarning {
         "the stature is unknown: all lengths assume {assumed_mm:.0} mm; give subject.stature_mm in scan.json"
     )]
     StatureUnknown {
-        /// Stature of the reference figure, in mm
+        /// Stature of the avatar, in mm
         assumed_mm: f64,
     },
-    /// The field of view was estimated from little
+    /// The field of view was estimated, with little evidence
     #[error(
         "the field of view is unknown: {estimated_degrees:.1} degrees fit best; give camera.vertical_fov_deg in scan.json"
     )]
     FieldOfViewUnknown {
-        /// Vertical field of view that was used, in degrees
+        /// Vertical field of view in use, in degrees
         estimated_degrees: f64,
     },
     /// The camera's height was estimated
@@ -166,21 +166,21 @@ pub enum SkeletonFitWarning {
         "the height of the camera is unknown: {estimated_mm:.0} mm fit best; give camera.height_mm in scan.json"
     )]
     CameraHeightUnknown {
-        /// Height that was used, in mm
+        /// Height in use, in mm
         estimated_mm: f64,
     },
-    /// The person turned the other way round
+    /// The person turned in the opposite direction
     #[error(
         "the person turns to the own right: the turn angles were taken with the opposite sign; \
          turn to the left, or reverse the angles"
     )]
     TurnedBackward,
-    /// The turn angles do not start where the person faces the camera
+    /// Turn angle 0 is not where the person faces the camera
     #[error(
         "the person faces the camera at another angle than 0: {offset_degrees:.0} degrees were added to all turn angles"
     )]
     TurnsShifted {
-        /// What was added to the angles, in degrees
+        /// Offset added to the angles, in degrees
         offset_degrees: f64,
     },
     /// The view has the mean pose of the others
@@ -189,7 +189,7 @@ pub enum SkeletonFitWarning {
         /// Its index
         view: usize,
     },
-    /// Bone lengths and camera do not agree with the stature
+    /// Bone lengths and camera are inconsistent with the stature
     #[error(
         "the skeleton comes out {solved_mm:.0} mm tall instead of {given_mm:.0} mm: \
          check stature, camera height and field of view"
@@ -197,35 +197,35 @@ pub enum SkeletonFitWarning {
     StatureContradicted {
         /// Given or assumed stature, in mm
         given_mm: f64,
-        /// Stature of the scaled figure, in mm
+        /// Stature of the scaled avatar, in mm
         solved_mm: f64,
     },
-    /// A bone length far from what people have
+    /// A bone length is unusual
     #[error("{} is {factor:.2} times that of the reference figure: check stature and keypoints", .scale.name())]
     UnusualLength {
-        /// The length
+        /// The bone length
         scale: BoneScale,
         /// Its factor
         factor: f64,
     },
-    /// The rounds ended before the solution settled
+    /// The fit did not converge
     #[error("the skeleton did not settle: poses may be off")]
     NotConverged,
 }
 
-/// Why there is no skeleton
+/// Error of [`fit_skeleton`]
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum SkeletonFitError {
-    /// Nothing to solve
+    /// There are no views
     #[error("there are no views")]
     NoViews,
-    /// No joint anywhere
+    /// No view has usable keypoints
     #[error("none of the {views} views has usable keypoints")]
     NoKeypoints {
         /// Number of views
         views: usize,
     },
-    /// Too few joints for a body
+    /// There are too few keypoints for a body
     #[error(
         "the views have {found} usable keypoints in all, {} are needed",
         start::MIN_JOINTS
@@ -234,13 +234,13 @@ pub enum SkeletonFitError {
         /// Usable keypoints in all views
         found: usize,
     },
-    /// The keypoints do not tell how large the person is in the photo
+    /// The keypoints do not determine the size of the person in the photo
     #[error(
         "no view tells the person's size in the photo: \
          head and trunk must be seen above hips or legs"
     )]
     NoScale,
-    /// Not a person's height in millimeters
+    /// The stature is not that of a person
     #[error(
         "a stature of {stature_mm} mm is not that of a person ({MIN_STATURE_MM} to {MAX_STATURE_MM} mm)"
     )]
@@ -248,48 +248,48 @@ pub enum SkeletonFitError {
         /// The given stature, in mm
         stature_mm: f64,
     },
-    /// The reference figure is empty, flat or not finite
+    /// The avatar is empty, flat or not finite
     #[error("the reference figure has no usable surface")]
     AvatarUnusable,
 }
 
-/// Statures that people have, in mm: beyond, the unit was mistaken
+/// Range of human statures, in mm; values outside suggest a wrong unit
 const MIN_STATURE_MM: f64 = 400.0;
 const MAX_STATURE_MM: f64 = 2600.0;
 
-/// Stature of the scaled figure may differ from the given one by this part before a warning
+/// Relative difference of the scaled avatar's stature from the given one that causes a warning
 const STATURE_TOLERANCE: f64 = 0.01;
 
-/// Logarithm of a bone length beyond which it is reported as unusual: four prior deviations
+/// Logarithm of a bone length that is reported as unusual: four prior standard deviations
 const UNUSUAL_LOG_SCALE: f64 = 0.24;
 
-/// Keypoints farther off than this many standard deviations are outliers
+/// Keypoints with a residual above this many standard deviations are outliers
 const OUTLIER_SIGMAS: f64 = 5.0;
 
-/// Times that swaps are searched for and the bundle is solved again
+/// Maximum number of searches for swaps, each followed by a new solution
 const FIX_ROUNDS: usize = 3;
 
-/// Logarithm of the likelihood ratio that a posture of its own must gain
+/// Log-likelihood gain required for a posture
 ///
-/// One and a half for each of its 18 unknowns. Rendered people who stand in the reference pose gain 2 to 11,
-/// a real person with straighter arms gained 129. Freed without need, it lets hidden arms drift: silhouettes of
-/// the posed figure lose 0.0015 IoU.
+/// 1.5 per unknown, of which there are 18. Rendered people in the reference pose gain 2 to 11, a real person with
+/// straighter arms gained 129. An unneeded posture lets hidden arms drift: silhouettes of the posed avatar lose
+/// 0.0015 IoU.
 const CLEAR_POSTURE_GAIN: f64 = 27.0;
 
-/// Rounds after which the gain of a posture shows
+/// Rounds that suffice to estimate the gain of a posture
 const POSTURE_TRIAL_ROUNDS: usize = 3;
 
-/// Finds one skeleton, one pose per view and the camera from the keypoints of all views
+/// Fits one skeleton, one pose per view and the camera to the keypoints of all views
 ///
-/// `avatar` may have any stature, it is scaled to the given one; without one, its own counts, and all
-/// lengths of the result are in units of it. Missing joints are fine; a view without any takes the mean pose
-/// of the others. What `camera` does not know is estimated.
+/// `avatar` may have any stature; it is scaled to the given one. Without a given stature, its own is assumed, and all
+/// lengths of the result depend on it. Joints may be missing; a view without keypoints takes the mean pose of the
+/// others. Unknown parameters of `camera` are estimated.
 ///
 /// # Errors
-/// When there are too few keypoints for a body, none tells its size, or stature or avatar are unusable.
+/// When there are too few keypoints for a body, none determines its size, or stature or avatar are unusable.
 ///
 /// # Source
-/// Robust loss: Cauchy's, by iterated reweighting, Holland and Welsch 1977. Elimination of the views: Triggs et
+/// Robust loss: Cauchy's, by iterated reweighting, Holland and Welsch 1977. Elimination of the poses: Triggs et
 /// al. 2000, "Bundle adjustment: a modern synthesis", section 6.
 pub fn fit_skeleton(
     avatar: &Avatar,
@@ -377,7 +377,7 @@ pub fn fit_skeleton(
     ))
 }
 
-/// Fixes swaps and solves again, until there are none
+/// Fixes swaps and solves again, until no swaps are found
 fn fix_all_swaps(
     problem: &mut Problem,
     solution: &mut Solution,
@@ -396,14 +396,14 @@ fn fix_all_swaps(
     }
 }
 
-/// Corrections of the input
+/// Corrections applied to the input
 struct Corrections {
     keypoints: Vec<Keypoints>,
     swaps: Vec<(usize, SwapGroup)>,
     turn_correction: TurnCorrection,
 }
 
-/// Everything that the solution says
+/// Assembles the result from the solution
 fn assemble(
     avatar: &Avatar,
     problem: &Problem,
@@ -495,7 +495,7 @@ fn assemble(
     (skeleton, views)
 }
 
-/// Poses of all views; one without keypoints takes the mean rotations of the others, and stands on the axis
+/// Returns the poses of all views; a view without keypoints takes the mean rotations of the others, on the axis
 fn final_poses(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> Vec<Pose> {
     let seen: Vec<bool> = problem
         .views
@@ -520,7 +520,7 @@ fn final_poses(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> Vec<P
     poses
 }
 
-/// The same figure at another size
+/// Scales an avatar uniformly
 fn enlarged(avatar: &Avatar, factor: f64) -> Avatar {
     let mut large = avatar.clone();
     let points = large.mesh.positions.iter_mut();
@@ -534,17 +534,17 @@ fn enlarged(avatar: &Avatar, factor: f64) -> Avatar {
 }
 
 impl SkeletonView {
-    /// The bones of the avatar in this view's pose, in the room
+    /// Returns the bones of the avatar in this view's pose, in the room
     pub fn posed(&self, avatar: &Avatar) -> PosedBones {
         pose_bones(&avatar.bone_heads, &self.pose, self.turn)
     }
 
-    /// The avatar's joints in this view's pose in the room, in mm
+    /// Returns the avatar's joints in this view's pose in the room, in mm
     pub fn joints(&self, avatar: &Avatar) -> PerJoint<DVec3> {
         room_joints(&self.posed(avatar), &avatar.keypoints)
     }
 
-    /// The same view by a camera of another distance, height, pitch and field of view
+    /// Replaces the camera by one with another distance, height, pitch and field of view
     pub(crate) fn with_camera(self, better: &Camera) -> Self {
         Self {
             camera: better.with_size_of(&self.camera),

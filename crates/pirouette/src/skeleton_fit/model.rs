@@ -1,7 +1,7 @@
-//! What the skeleton predicts in each photo, and the derivatives of that.
+//! Predicted keypoints of each photo, and their derivatives.
 //!
-//! All unknowns are in units of their prior standard deviations: the prior of each is then a unit normal
-//! distribution, and an unknown with a deviation of zero is held at its start.
+//! All unknowns are in units of their prior standard deviations: the prior of each is a unit normal distribution, and
+//! an unknown with a standard deviation of zero is fixed at its start.
 
 use faer::Mat;
 use glam::{DVec2, DVec3};
@@ -15,17 +15,17 @@ use pirouette_body::{Motion, Pose, PosedBones, pose_bones};
 /// Unknowns of one view
 pub(super) const POSE_COUNT: usize = Pose::PARAMETER_COUNT;
 
-/// Unknowns that all views share: scales, offsets, camera, posture
+/// Unknowns shared by all views: scales, offsets, camera, posture
 pub(super) const SHARED_COUNT: usize = POSTURE_START + 3 * POSTURE_BONES.len();
 const OFFSET_START: usize = BoneScale::COUNT;
 const CAMERA_START: usize = OFFSET_START + 3 * OFFSET_JOINTS.len();
 const POSTURE_START: usize = CAMERA_START + 4;
 
-/// Bones that a person may hold otherwise than the reference pose in all views, with the prior standard
-/// deviation of each coordinate of that rotation, in degrees
+/// Bones whose posture may differ from the reference pose in all views, with the prior standard deviation of each
+/// coordinate of that rotation, in degrees
 ///
-/// People told to stretch their arms out hold them higher or lower, and straight or bent; the sway from view to
-/// view is far smaller.
+/// People asked to stretch their arms out hold them higher or lower, and straight or bent; the sway between views is
+/// far smaller.
 const POSTURE_BONES: [(Bone, f64); 6] = [
     (Bone::LeftUpperArm, 12.0),
     (Bone::RightUpperArm, 12.0),
@@ -35,7 +35,7 @@ const POSTURE_BONES: [(Bone, f64); 6] = [
     (Bone::RightThigh, 5.0),
 ];
 
-/// Points of face and feet whose place on the bone differs from person to person and from detector to detector
+/// Points of face and feet whose position on the bone varies between persons and between detectors
 const OFFSET_JOINTS: [Joint; 11] = [
     Joint::Nose,
     Joint::RightEye,
@@ -52,25 +52,25 @@ const OFFSET_JOINTS: [Joint; 11] = [
 
 /// Prior standard deviation of the logarithm of a bone length
 ///
-/// Bodies of one stature differ by about this much; wider, and views from one side trade bone lengths for poses.
+/// Bodies of one stature vary by about this much; larger values let views from one side trade bone lengths for poses.
 const SCALE_SIGMA: f64 = 0.06;
 
 /// Prior standard deviation of each coordinate of a face or foot point on its bone, in mm
 const OFFSET_SIGMA_MM: f64 = 15.0;
 
-/// Standard deviation of the figure's height against the given stature, in mm
+/// Standard deviation of the body's height around the given stature, in mm
 ///
-/// Not tighter, because hair, shoes and posture are in the photos but not in the number.
+/// Not smaller, because hair, shoes and posture are in the photos but not in the given value.
 const STATURE_SIGMA_MM: f64 = 6.0;
 
-/// Start and prior standard deviation of the camera's unknowns
+/// Start values and prior standard deviations of the camera's unknowns
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CameraPrior {
     pub(super) distance_mm: (f64, f64),
     pub(super) height_mm: (f64, f64),
     pub(super) pitch_radians: (f64, f64),
     pub(super) vertical_fov_radians: f64,
-    /// Of the logarithm of the focal length, which starts at the field of view's
+    /// Of the logarithm of the focal length, which starts at the value of the field of view
     pub(super) log_focal_sigma: f64,
 }
 
@@ -81,7 +81,7 @@ pub(super) struct Observed {
     pub(super) sigma_px: f64,
 }
 
-/// What is known of one view
+/// Known data of one view
 #[derive(Debug, Clone)]
 pub(super) struct ViewData {
     pub(super) turn: TurnAngle,
@@ -96,54 +96,53 @@ impl ViewData {
     }
 }
 
-/// All that stays fixed while the bundle is solved
+/// Constants of the fit
 #[derive(Debug, Clone)]
 pub(super) struct Problem {
     pub(super) frame: Frame,
     pub(super) stature_mm: f64,
     pub(super) camera: CameraPrior,
-    /// Whether the person may hold another posture than the reference pose; else all of it is sway
+    /// Whether a posture is solved for; otherwise all rotations are sway
     pub(super) free_posture: bool,
     pub(super) views: Vec<ViewData>,
 }
 
-/// The unknowns of all views, in units of their prior deviations
+/// The unknowns of all views, in units of their prior standard deviations
 #[derive(Debug, Clone)]
 pub(super) struct Unknowns {
     pub(super) shared: [f64; SHARED_COUNT],
     pub(super) poses: Vec<[f64; POSE_COUNT]>,
 }
 
-/// The body and the camera that some shared unknowns stand for
+/// Body and camera for given shared unknowns
 #[derive(Debug, Clone)]
 pub(super) struct Shared {
     pub(super) scales: BoneScales,
     pub(super) offsets: [DVec3; OFFSET_JOINTS.len()],
     pub(super) body: ScaledFrame,
-    /// What the poses of all views have in common
+    /// Posture: common rotations in all views
     pub(super) posture: Pose,
     camera: Camera,
 }
 
-/// The normal equations of one view, without priors
+/// Normal equations of one view, without priors
 ///
-/// Row and column order: pose, shared (when asked for), and last the residuals themselves: the last column
-/// is the gradient.
+/// Row and column order: pose, shared unknowns (if requested), residual; the last column is the gradient.
 #[derive(Debug)]
 pub(super) struct Normal {
     pub(super) matrix: Mat<f64>,
 }
 
-/// Loss of a residual (in standard deviations) that outliers cannot dominate, after Cauchy
+/// Returns Cauchy's robust loss of a squared residual, in standard deviations
 ///
-/// Grows as the logarithm beyond `width`; half the square far below it.
+/// Half the square far below `width`, logarithmic beyond.
 pub(super) fn robust_loss(residual_squared: f64, width: f64) -> f64 {
     let c2 = width * width;
     c2 / 2.0 * (residual_squared / c2).ln_1p()
 }
 
 impl Problem {
-    /// How many of the shared unknowns are solved for: the posture comes last
+    /// Number of shared unknowns to solve for; the posture comes last
     pub(super) fn shared_count(&self) -> usize {
         if self.free_posture {
             SHARED_COUNT
@@ -180,7 +179,7 @@ impl Problem {
         }
     }
 
-    /// The body and the camera of some shared unknowns
+    /// Returns body and camera for given shared unknowns
     pub(super) fn shared(&self, unknowns: &[f64; SHARED_COUNT]) -> Shared {
         let sigmas = self.shared_sigmas();
         let values: [f64; SHARED_COUNT] = std::array::from_fn(|i| unknowns[i] * sigmas[i]);
@@ -215,18 +214,18 @@ impl Problem {
         }
     }
 
-    /// Cost of the shared unknowns alone: their priors and the stature
+    /// Returns the cost of the shared unknowns alone: their priors and the stature
     pub(super) fn shared_cost(&self, unknowns: &[f64; SHARED_COUNT], shared: &Shared) -> f64 {
         let stature = self.stature_residual(shared);
         half_square(unknowns) + stature * stature / 2.0
     }
 
-    /// Height of the body against the stature, in standard deviations
+    /// Returns the difference of the body's height from the stature, in standard deviations
     pub(super) fn stature_residual(&self, shared: &Shared) -> f64 {
         (shared.body.stature_mm - self.stature_mm) / STATURE_SIGMA_MM
     }
 
-    /// Gradient of [`Problem::stature_residual`] by the shared unknowns
+    /// Returns the gradient of [`Problem::stature_residual`] by the shared unknowns
     pub(super) fn stature_gradient(&self, rates: &[ScaledFrame]) -> [f64; SHARED_COUNT] {
         let mut gradient = [0.0; SHARED_COUNT];
         for (slot, rate) in gradient.iter_mut().zip(rates) {
@@ -235,7 +234,7 @@ impl Problem {
         gradient
     }
 
-    /// Rates of the body by each logarithmic scale
+    /// Returns the derivatives of the body by each logarithmic scale
     pub(super) fn body_rates(&self, shared: &Shared) -> Vec<ScaledFrame> {
         BoneScale::ALL
             .iter()
@@ -243,7 +242,7 @@ impl Problem {
             .collect()
     }
 
-    /// Cost of one view: its keypoints and the prior of its pose; infinite when the body reaches the camera
+    /// Returns the cost of one view, keypoints and pose prior; infinite when the body is too close to the camera
     pub(super) fn view_cost(
         &self,
         view: &ViewData,
@@ -262,7 +261,7 @@ impl Problem {
         data + half_square(pose)
     }
 
-    /// Predicted minus detected joints, in standard deviations; `None` when the body reaches the camera
+    /// Returns predicted minus detected joints, in standard deviations; `None` when the body is too close to the camera
     pub(super) fn residuals(
         &self,
         view: &ViewData,
@@ -282,7 +281,7 @@ impl Problem {
         Some(residuals)
     }
 
-    /// The normal equations of one view; `rates` of the body, or none to hold what is shared
+    /// Returns the normal equations of one view; without `rates` of the body, the shared unknowns are held constant
     pub(super) fn normal(
         &self,
         view: &ViewData,
@@ -339,23 +338,23 @@ impl Problem {
     }
 }
 
-/// Bodies nearer to the camera than this are no solution, in mm
+/// Minimum distance of the body from the camera, in mm
 const MIN_DEPTH_MM: f64 = 100.0;
 
 fn half_square(unknowns: &[f64]) -> f64 {
     unknowns.iter().map(|x| x * x).sum::<f64>() / 2.0
 }
 
-/// Keypoints of the posed body in the room
+/// Returns the keypoints of the posed body in the room
 pub(super) fn room_joints(posed: &PosedBones, keypoints: &PerJoint<DVec3>) -> PerJoint<DVec3> {
     let carry = |joint: Joint| posed.carry(joint.bone(), keypoints[joint]);
     PerJoint::from_fn(|joint| joint.parts().map(|(part, share)| carry(part) * share).sum())
 }
 
-/// Rates of the bones' translations when the bone heads move at the given rates
+/// Returns the derivatives of the bones' translations, given those of the bone heads
 ///
-/// From `x = T_parent(head + R (p - head))`: the rotations stay, and each head adds what the parent's
-/// rotation and the bone's own make of its rate.
+/// From `x = T_parent(head + R (p - head))` with constant rotations: the derivative of each head is transformed by the
+/// rotations of the parent and of the bone.
 fn transform_rates(posed: &PosedBones, rate: &ScaledFrame) -> PerBone<DVec3> {
     let mut shifts = PerBone::splat(DVec3::ZERO);
     for bone in Bone::ALL {
@@ -369,7 +368,7 @@ fn transform_rates(posed: &PosedBones, rate: &ScaledFrame) -> PerBone<DVec3> {
 }
 
 impl Shared {
-    /// The pose that the unknowns of one view stand for: the posture and this view's sway
+    /// Returns the pose of one view: posture and the sway given by its unknowns
     pub(super) fn pose(&self, unknowns: &[f64; POSE_COUNT]) -> Pose {
         let sigmas = Pose::prior_sigmas();
         let posture = self.posture.to_parameters();
@@ -378,7 +377,7 @@ impl Shared {
         }))
     }
 
-    /// How far each keypoint lies from its stretched place, in the reference pose
+    /// Returns the offset of each keypoint from its stretched position, in the reference pose
     pub(super) fn keypoint_offsets(&self) -> PerJoint<DVec3> {
         let mut offsets = PerJoint::splat(DVec3::ZERO);
         for (joint, offset) in OFFSET_JOINTS.iter().zip(self.offsets) {
@@ -387,7 +386,7 @@ impl Shared {
         offsets
     }
 
-    /// The camera of one view
+    /// Returns the camera of one view
     pub(super) fn camera_of(&self, view: &ViewData) -> Camera {
         Camera {
             width_px: view.width_px,
@@ -402,7 +401,7 @@ struct Jacobian<'a> {
     pose_sigmas: [f64; POSE_COUNT],
     shared_sigmas: [f64; SHARED_COUNT],
     motions: [Motion; POSE_COUNT],
-    /// For each scale, rates of the bones' translations
+    /// Derivatives of the bones' translations by each scale
     shifts: Option<Vec<PerBone<DVec3>>>,
     rates: Option<&'a [ScaledFrame]>,
     free_posture: bool,
@@ -411,7 +410,7 @@ struct Jacobian<'a> {
 }
 
 impl Jacobian<'_> {
-    /// Adds `share` of the derivatives of one joint to two rows; `gradients` of the rows by the room point
+    /// Adds `share` times the derivatives of one joint to two rows; `gradients` of the rows by the room point
     fn add(
         &self,
         rows: &mut Mat<f64>,

@@ -1,8 +1,8 @@
-//! Bone lengths of one person: nine scales that stretch the reference figure along its bones.
+//! Bone lengths of one person: nine scales that stretch the avatar along its bones.
 //!
-//! Every bone stretches what hangs on it relative to its own head: the heads of its children, its keypoints
-//! and, blended by the skinning weights, the surface. The trunk stretches along y with the torso and along x
-//! with the shoulders or the hips; arms and legs stretch along themselves; hands keep their size.
+//! Every bone stretches its attached points relative to its own head: the heads of its children, its keypoints and,
+//! blended by the skinning weights, the surface. The trunk is stretched along y by the torso and along x by the
+//! shoulders or the hips; arms and legs are stretched along themselves; hands keep their size.
 
 use glam::{DMat3, DVec3};
 
@@ -10,7 +10,7 @@ use pirouette_body::Avatar;
 use pirouette_body::SkinWeight;
 use pirouette_body::{Bone, PerBone, PerJoint};
 
-/// A length of the body that is estimated; left and right limbs share it
+/// An estimated length of the body; left and right limbs share it
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
 #[allow(missing_docs, reason = "the names say it")]
@@ -45,7 +45,7 @@ impl BoneScale {
         BoneScale::Foot,
     ];
 
-    /// Name in files, in snake case
+    /// Returns the name in files, in snake case
     pub fn name(self) -> &'static str {
         match self {
             BoneScale::Torso => "torso",
@@ -61,7 +61,7 @@ impl BoneScale {
     }
 }
 
-/// Natural logarithms of the nine scales; zero is the reference figure
+/// Natural logarithms of the nine scales; zero is the avatar
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct BoneScales {
     /// In the order of [`BoneScale::ALL`]
@@ -69,13 +69,13 @@ pub struct BoneScales {
 }
 
 impl BoneScales {
-    /// The factor of one length
+    /// Returns the factor of one length
     pub fn factor(&self, scale: BoneScale) -> f64 {
         self.logs[scale as usize].exp()
     }
 }
 
-/// The linear map of one bone: identity plus `(factor - 1)` times a projection for each of its scales
+/// The linear map of one bone: identity plus `(factor - 1)` times a projection per scale
 #[derive(Debug, Clone, Copy)]
 struct Stretch {
     parts: [Option<(BoneScale, DMat3)>; 2],
@@ -133,10 +133,10 @@ impl Stretch {
     }
 }
 
-/// What the scales move: bone heads, keypoints, and one vertex each of the crown and of the soles
+/// Points moved by the scales: bone heads, keypoints, and one vertex each of the crown and of the soles
 ///
-/// The crown vertex and the sole vertex stand for the stature and for the floor while the scales are
-/// solved for; the finished surface is put on the floor by its own lowest vertex.
+/// The crown vertex and the sole vertex define stature and floor while the scales are solved for; the final surface is
+/// put on the floor by its own lowest vertex.
 #[derive(Debug, Clone)]
 pub(super) struct Frame {
     heads: PerBone<DVec3>,
@@ -146,7 +146,7 @@ pub(super) struct Frame {
     sole: (DVec3, SkinWeight),
 }
 
-/// The figure's frame with some scales applied, on the floor, the axis where the avatar has it
+/// The avatar's frame with scales applied, on the floor, with the turning axis of the avatar
 #[derive(Debug, Clone)]
 pub(super) struct ScaledFrame {
     pub(super) heads: PerBone<DVec3>,
@@ -155,7 +155,7 @@ pub(super) struct ScaledFrame {
 }
 
 impl Frame {
-    /// `None` for an avatar without vertices
+    /// Returns `None` for an avatar without vertices
     pub(super) fn new(avatar: &Avatar) -> Option<Self> {
         let vertices = || avatar.mesh.positions.iter().zip(&avatar.weights);
         let (&crown, &crown_weight) = vertices().max_by(|a, b| a.0.y.total_cmp(&b.0.y))?;
@@ -170,7 +170,7 @@ impl Frame {
         })
     }
 
-    /// The frame with these scales
+    /// Applies scales
     pub(super) fn scaled(&self, scales: &BoneScales) -> ScaledFrame {
         let matrices = self.stretches.map(|stretch| stretch.matrix(scales));
         self.assemble(&Stretched::new(
@@ -180,13 +180,13 @@ impl Frame {
         ))
     }
 
-    /// Rates of everything in [`Frame::scaled`] by one logarithmic scale
+    /// Returns the derivatives of [`Frame::scaled`] by one logarithmic scale
     pub(super) fn rate(&self, scales: &BoneScales, by: BoneScale) -> ScaledFrame {
         let matrices = self.stretches.map(|stretch| stretch.rate(scales, by));
         self.assemble(&Stretched::new(&self.heads, matrices, DVec3::ZERO))
     }
 
-    /// The frame is linear in the bones' matrices, so that one function serves for values and for rates
+    /// The frame is linear in the bones' matrices, so that one function computes values and derivatives
     fn assemble(&self, stretched: &Stretched) -> ScaledFrame {
         let crown = stretched.blend(self.crown.0, &self.crown.1);
         let sole = stretched.blend(self.sole.0, &self.sole.1);
@@ -199,7 +199,7 @@ impl Frame {
     }
 }
 
-/// Bones after stretching: points hang on the new heads by the bones' matrices
+/// Bones after stretching: points are attached to the new heads by the bones' matrices
 struct Stretched<'a> {
     rest: &'a PerBone<DVec3>,
     matrices: PerBone<DMat3>,
@@ -238,20 +238,21 @@ impl<'a> Stretched<'a> {
         keypoints
     }
 
-    /// The point that becomes the origin: on the floor, in x between the ankles; in z the axis stays where the
-    /// avatar has it, because the hips do
+    /// Returns the point that becomes the origin: on the floor, in x between the ankles, in z on the axis of the
+    /// avatar, as the hips are not moved in z
     ///
-    /// Seen from the side, an axis a few mm off moves the reference view by pixels, to the right in one profile and
-    /// to the left in the other, and silhouettes normalized to it no longer agree.
+    /// Seen from the side, an axis that is off by a few mm moves the reference view by pixels, to the right in one
+    /// profile and to the left in the other, and silhouettes normalized to it become inconsistent.
     fn floor_origin(&self, floor: f64) -> DVec3 {
         let [left, right] = [Bone::LeftFoot, Bone::RightFoot].map(|b| self.heads[b]);
         DVec3::new((left.x + right.x) / 2.0, floor, 0.0)
     }
 }
 
-/// Stretches a figure along its bones
+/// Stretches an avatar along its bones
 ///
-/// Joints move, the surface follows by its skinning weights, vertices keep their order. The result stands on y = 0 with the turning axis as far behind the hips as it was.
+/// Joints move, the surface follows by its skinning weights, vertices keep their order. The result stands on y = 0, and
+/// the turning axis keeps its distance behind the hips.
 pub fn rescale_avatar(avatar: &Avatar, scales: &BoneScales) -> Avatar {
     let rest = &avatar.bone_heads;
     let matrices = PerBone::from_fn(|bone| Stretch::of(bone, rest).matrix(scales));

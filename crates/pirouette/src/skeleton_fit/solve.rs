@@ -1,4 +1,4 @@
-//! Damped Gauss-Newton over all views: each view's pose is eliminated, what is left is small.
+//! Damped Gauss-Newton over all views: the pose of each view is eliminated, which leaves a small system.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::{Llt, Solve};
@@ -13,29 +13,29 @@ use super::scales::ScaledFrame;
 
 /// Residuals beyond this many standard deviations lose weight
 ///
-/// Detectors err by far more than their usual error every now and then; lower, and honest keypoints of an unusual
-/// pose lose their say.
+/// Detectors occasionally err by far more than usual; with a smaller value, correct keypoints of unusual poses would
+/// lose their weight.
 pub(super) const ROBUST_WIDTH: f64 = 3.0;
 
-/// A round that lowers the cost by less than this ends the solution
+/// A round that lowers the cost by less than this ends the iteration
 ///
-/// The cost counts half squares of standard deviations, so this is far below what any unknown could feel.
+/// The cost is in half squares of standard deviations, so this is far below any visible change.
 const SMALL_GAIN: f64 = 1e-2;
 
-/// The same for one view alone, which only compares the ways to explain it
+/// The same for one view alone, which only compares alternative explanations
 const SMALL_TRIAL_GAIN: f64 = 0.3;
 
 /// Damping after the first step that fails, and its limit; in units of the priors' curvature
 const FIRST_DAMPING: f64 = 1.0;
 const LAST_DAMPING: f64 = 1e8;
 
-/// What the solver ended with
+/// Result of the solver
 #[derive(Debug)]
 pub(super) struct Solution {
     pub(super) unknowns: Unknowns,
-    /// Half the squares of all standard deviations that it is off, outliers tamed
+    /// Half the sum of all squared residuals, in standard deviations, with the robust loss
     pub(super) cost: f64,
-    /// Whether the last round hardly changed anything
+    /// Whether the last round changed almost nothing
     pub(super) converged: bool,
 }
 
@@ -47,7 +47,7 @@ pub(super) fn solve(problem: &Problem, start: Unknowns, rounds: usize) -> Soluti
     let mut converged = false;
     for _ in 0..rounds {
         let shared = problem.shared(&unknowns.shared);
-        // Far from the solution every joint looks like an outlier: start wide, then narrow down.
+        // Far from the solution every joint appears as an outlier: start with a wide loss, then narrow it.
         width = typical_residual(problem, &shared, &unknowns).clamp(ROBUST_WIDTH, width);
         let before = total_cost(problem, &shared, &unknowns, width);
         let rates = problem.body_rates(&shared);
@@ -84,7 +84,7 @@ pub(super) fn solve(problem: &Problem, start: Unknowns, rounds: usize) -> Soluti
     }
 }
 
-/// Solves for the pose of one view while the shared unknowns are held; also gives its cost
+/// Solves for the pose of one view with constant shared unknowns; returns it with its cost
 pub(super) fn solve_view(
     problem: &Problem,
     view: &ViewData,
@@ -120,7 +120,7 @@ pub(super) fn solve_view(
     (pose, cost)
 }
 
-/// Median residual of all keypoints, in standard deviations
+/// Returns the median residual of all keypoints, in standard deviations
 fn typical_residual(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> f64 {
     let mut lengths: Vec<f64> = problem
         .views
@@ -148,7 +148,7 @@ fn total_cost(problem: &Problem, shared: &Shared, unknowns: &Unknowns, width: f6
     views + problem.shared_cost(&unknowns.shared, shared)
 }
 
-/// One damped step from some unknowns, `None` when rounding broke a factorization
+/// Computes one damped step, `None` when a factorization fails
 fn step(
     problem: &Problem,
     shared: &Shared,
@@ -158,8 +158,8 @@ fn step(
     damping: f64,
 ) -> Option<Unknowns> {
     let count = problem.shared_count();
-    // Each view is linearized and eliminated at once: keeping 72 views' normal equations costs more time
-    // in memory than making them again after one of the rare failed steps.
+    // Each view is linearized and eliminated immediately: to store the normal equations of 72 views takes more time
+    // than to recompute them after one of the rare failed steps.
     let views: Vec<Eliminated> = problem
         .views
         .par_iter()
@@ -202,9 +202,9 @@ fn step(
 /// One view with its pose eliminated
 struct Eliminated {
     factor: Llt<f64>,
-    /// The factor's solutions for the columns of the shared unknowns and, last, for the gradient
+    /// Solutions of the factor for the columns of the shared unknowns and, last, for the gradient
     solved: Mat<f64>,
-    /// What the view adds to the matrix of the shared unknowns and, last column, to their gradient
+    /// Contribution of the view to the matrix of the shared unknowns and, last column, to their gradient
     shared: Mat<f64>,
 }
 
@@ -241,7 +241,7 @@ impl Eliminated {
         })
     }
 
-    /// The pose after a step, given the step of the shared unknowns
+    /// Returns the pose after a step, given the step of the shared unknowns
     fn pose_after(&self, pose: &[f64; POSE_COUNT], shared_step: &[f64]) -> [f64; POSE_COUNT] {
         let gradient = shared_step.len();
         let mut step = Mat::<f64>::from_fn(POSE_COUNT, 1, |i, _| {

@@ -1,4 +1,4 @@
-//! Where the solution starts: cleaned keypoints, their uncertainty, and the camera's distance.
+//! Start values: cleaned keypoints, their uncertainty, and the camera's distance.
 
 use glam::DVec2;
 
@@ -11,47 +11,47 @@ use pirouette_body::{Joint, Keypoint, Keypoints, NOMINAL_STATURE_PX, PerJoint};
 /// Standard deviation of a confident keypoint, in px at [`NOMINAL_STATURE_PX`]
 const CONFIDENT_SIGMA_PX: f64 = 3.0;
 
-/// Standard deviation of a doubtful keypoint, mostly one of a hidden limb, in px at [`NOMINAL_STATURE_PX`]
+/// Standard deviation of an uncertain keypoint, mostly of a hidden limb, in px at [`NOMINAL_STATURE_PX`]
 const DOUBTFUL_SIGMA_PX: f64 = 8.0;
 
-/// Keypoints above this confidence (0 to 1) are confident
+/// Minimum confidence (0 to 1) of confident keypoints
 ///
-/// Joints hidden by the body itself get less from detectors.
+/// Detectors report less for joints hidden by the body itself.
 const CONFIDENT: f64 = 0.68;
 
-/// Vertical field of view when nothing tells it: an upright photo of a phone's main camera lies near
+/// Vertical field of view if unknown: near that of an upright photo of a phone's main camera
 const USUAL_VERTICAL_FOV_DEGREES: f64 = 50.0;
 
-/// Uncertainty of the logarithm of the focal length when nothing tells it
+/// Standard deviation of the logarithm of an unknown focal length
 const UNKNOWN_LOG_FOCAL_SIGMA: f64 = 0.15;
 
 /// Prior standard deviation of the distance around its start, in mm
 const DISTANCE_SIGMA_MM: f64 = 300.0;
 
-/// Standard deviation of a distance that was measured, in mm
+/// Standard deviation of a measured distance, in mm
 const GIVEN_DISTANCE_SIGMA_MM: f64 = 10.0;
 
-/// Height of a camera that nobody measured, as a part of the stature, and its deviation in mm
+/// Height of a camera if unknown, relative to the stature, and its standard deviation in mm
 const USUAL_CAMERA_HEIGHT: f64 = 0.55;
 const HEIGHT_SIGMA_MM: f64 = 250.0;
 
-/// The camera is at least this many statures away: an outstretched arm must stay before it
+/// Minimum distance of the camera in statures: outstretched arms must remain in front of it
 const MIN_DISTANCE_PER_STATURE: f64 = 0.75;
 
-/// Two joints tell the scale of a photo when their heights differ by this part of the stature
+/// Minimum height difference of two joints that determine the scale of a photo, relative to the stature
 const MIN_RISE_PER_STATURE: f64 = 0.15;
 
-/// Joints that all views together must have
+/// Minimum number of joints in all views together
 pub(super) const MIN_JOINTS: usize = 6;
 
-/// The start of a bundle
+/// Start of the fit
 #[derive(Debug)]
 pub(super) struct Start {
     pub(super) views: Vec<ViewData>,
     pub(super) camera: CameraPrior,
 }
 
-/// Standard deviation of a keypoint in a photo in which the person is `stature_px` tall, in px
+/// Returns the standard deviation of a keypoint in a photo in which the person is `stature_px` tall, in px
 pub(crate) fn keypoint_sigma_px(confidence: f64, stature_px: f64) -> f64 {
     let nominal = if confidence > CONFIDENT {
         CONFIDENT_SIGMA_PX
@@ -61,7 +61,7 @@ pub(crate) fn keypoint_sigma_px(confidence: f64, stature_px: f64) -> f64 {
     nominal * stature_px / NOMINAL_STATURE_PX
 }
 
-/// A keypoint that can be used: found, finite, and not farther from the photo than its own size
+/// Returns a keypoint if it is usable: detected, finite, and not farther from the photo than its size
 fn usable(keypoints: &Keypoints, joint: Joint, width: f64, height: f64) -> Option<Keypoint> {
     let keypoint = keypoints.found(joint)?;
     let p = keypoint.position;
@@ -153,9 +153,9 @@ pub(super) fn prepare(
     Ok(Start { views, camera })
 }
 
-/// Pixels per millimeter of one view: the median slope of photo height over body height (Theil-Sen)
+/// Estimates the pixels per mm of one view: the median slope of photo height over body height (Theil-Sen)
 ///
-/// Arms move too much to tell.
+/// Excludes the arms, which move too much.
 fn scale_of_view(
     avatar: &Avatar,
     joints: &PerJoint<Option<Keypoint>>,

@@ -1,4 +1,4 @@
-//! Left and right mixed up by the detector: found by what the swap would explain.
+//! Detection of left and right swapped by the detector, by the gain in likelihood.
 
 use rayon::prelude::*;
 
@@ -6,10 +6,10 @@ use super::model::{POSE_COUNT, Problem, Shared, Unknowns, ViewData};
 use super::solve::{ROBUST_WIDTH, solve_view};
 use pirouette_body::{Bone, Joint, Keypoints};
 
-/// Joints whose left and right are mixed up together
+/// Joints whose left and right are swapped together
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum SwapGroup {
-    /// Everything, as if the back were the front
+    /// All joints, as if the back were the front
     Body,
     /// Shoulders, elbows, wrists
     Arms,
@@ -36,7 +36,7 @@ impl SwapGroup {
         SwapGroup::Face,
     ];
 
-    /// Name in files, in snake case
+    /// Returns the name in files, in snake case
     pub fn name(self) -> &'static str {
         match self {
             SwapGroup::Body => "body",
@@ -49,7 +49,7 @@ impl SwapGroup {
         }
     }
 
-    /// The left joints; each swaps with its mirror
+    /// Returns the left joints; each is swapped with its mirrored joint
     fn left_joints(self) -> &'static [Joint] {
         const BODY: [Joint; 11] = [
             Joint::LeftShoulder,
@@ -75,7 +75,7 @@ impl SwapGroup {
         }
     }
 
-    /// Exchanges left and right of this limb
+    /// Swaps left and right of this group
     pub fn swap(self, keypoints: &mut Keypoints) {
         for &left in self.left_joints() {
             let right = left.mirrored();
@@ -92,27 +92,27 @@ impl SwapGroup {
     }
 }
 
-/// A view is searched for swaps when one of its joints is off by more standard deviations than this
+/// Residual of a joint, in standard deviations, above which a view is searched for swaps
 const SUSPICIOUS_RESIDUAL: f64 = 5.0;
 
-/// A view is searched for swaps when one of its bones is turned by more prior deviations than this
+/// Rotation of a bone, in prior standard deviations, above which a view is searched for swaps
 ///
-/// An arm can also bend to where a swapped one was seen, and leave no residual.
+/// An arm can also bend to the position of a swapped one, and leave no residual.
 const SUSPICIOUS_ROTATION: f64 = 2.5;
 
-/// Logarithm of the likelihood ratio that a swap must gain
+/// Log-likelihood gain required for a swap
 ///
-/// A swap moves at least four coordinates; this is far beyond what noise gains, and far below the
-/// hundreds that a fixed arm of a front view gains.
+/// A swap moves at least four coordinates; this is far beyond the gain from noise, and far below the hundreds gained
+/// by fixing an arm in a front view.
 const CLEAR_GAIN: f64 = 12.0;
 
-/// Rounds of the pose for each tried swap
+/// Rounds of the pose for each swap that is tried
 const TRIAL_ROUNDS: usize = 8;
 
-/// A view has no more mixed-up limbs than this
+/// Maximum number of swaps per view
 const MAX_SWAPS_PER_VIEW: usize = 3;
 
-/// Fixes swapped limbs in the problem's views; returns which, and leaves the views' poses near their new solution
+/// Fixes swaps in the problem's views; returns them, and leaves the views' poses near their new solution
 pub(super) fn fix_swaps(
     problem: &mut Problem,
     shared: &Shared,
@@ -136,7 +136,7 @@ pub(super) fn fix_swaps(
     swaps
 }
 
-/// The swapped limbs of one view, and its pose once they are fixed
+/// Returns the swaps of one view, and its pose after fixing them
 fn fix_view(
     problem: &Problem,
     view: &ViewData,
@@ -156,7 +156,7 @@ fn fix_view(
     (limbs, pose)
 }
 
-/// The limbs that something is wrong with
+/// Returns the limbs with large residuals or rotations
 fn suspicious_limbs(
     problem: &Problem,
     view: &ViewData,
@@ -184,7 +184,7 @@ fn suspicious_limbs(
         .collect()
 }
 
-/// The swap that explains the view best, with the pose it leads to, when it gains clearly
+/// Returns the swap that explains the view best, with its pose, if the gain is sufficient
 fn best_swap(
     problem: &Problem,
     view: &ViewData,
@@ -209,7 +209,7 @@ fn best_swap(
     (cost < as_detected - CLEAR_GAIN).then_some((limb, pose))
 }
 
-/// The same place and lean with all joints at rest
+/// Returns the same root pose with all joints at rest
 fn straightened(pose: &[f64; POSE_COUNT]) -> [f64; POSE_COUNT] {
     let mut straight = *pose;
     straight[3..3 * Bone::COUNT].fill(0.0);

@@ -1,4 +1,4 @@
-//! What the bundle finds in scans with known truth, and laws that it keeps.
+//! Results of the skeleton fit for scans with known truth, and invariants.
 
 mod scene;
 
@@ -197,7 +197,7 @@ fn turn_angles_of_the_wrong_sign_or_start_are_corrected() {
         };
         let (truth, mut stated) = (scan(&setting), scan(&setting));
         for view in &mut stated.views {
-            // What a user would state of a person who in truth turned by `sign * stated + offset`
+            // Angles stated by a user for a person who in truth turned by `sign * stated + offset`
             let degrees = sign * (view.turn.degrees() - offset_degrees);
             view.turn = TurnAngle::from_degrees(degrees);
         }
@@ -449,7 +449,7 @@ fn whole_turns_and_photo_size_change_nothing() {
     assert!((a.focal_px() * 3.0 - b.focal_px()).abs() < 1e-6);
 }
 
-/// Mirrored photos of a mirrored turn show the mirrored person
+/// Mirrored photos with mirrored turns give the mirrored person
 #[test]
 fn mirrored_photos_give_mirrored_poses() {
     let truth = scan(&Setting {
@@ -471,7 +471,7 @@ fn mirrored_photos_give_mirrored_poses() {
         for bone in Bone::ALL {
             let a = pose.rotations[bone];
             let b = found.views[view].pose.rotations[bone.mirrored()];
-            // rotation vectors are axial: x stays, y and z flip
+            // rotation vectors are axial: x is unchanged, y and z change sign
             assert!((DVec3::new(a.x, -a.y, -a.z) - b).length() < 1e-6);
         }
     }

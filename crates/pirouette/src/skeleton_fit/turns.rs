@@ -1,4 +1,4 @@
-//! Turn angles that cannot be right: counted in the wrong direction, or from another side than the front.
+//! Correction of turn angles that are counted in the wrong direction or not from the front.
 
 use super::model::{Problem, Shared, Unknowns};
 use super::solve::{Solution, solve};
@@ -6,26 +6,26 @@ use pirouette_body::Bone;
 use pirouette_body::Pose;
 use pirouette_body::TurnAngle;
 
-/// Share of keypoints that no likely pose explains, above which other turn angles are tried
+/// Fraction of outlier keypoints above which other turn angles are tried
 ///
-/// Right angles leave at most 9 % (a detector that errs and mixes up limbs), wrong ones at least 12 %.
+/// Correct angles give at most 9 % (a detector with errors and swapped limbs), wrong ones at least 12 %.
 const SUSPICIOUS_SHARE: f64 = 0.10;
 
-/// Other angles are believed when they leave at most this part of the unexplained keypoints
+/// Other angles are accepted if they leave at most this fraction of the outliers
 const CONVINCING_PART: f64 = 0.5;
 
-/// Mean turn of all poses that is taken into the angles, in radians: less is chance
+/// Minimum mean turn of all poses that is transferred to the angles, in radians: smaller ones are random
 const MIN_OFFSET_RADIANS: f64 = 0.07;
 
-/// Times that the mean turn is taken into the angles
+/// Maximum number of transfers of the mean turn to the angles
 const MAX_OFFSET_STEPS: usize = 4;
 
-/// How the given turn angles were changed: `turn = given or -given, plus offset`
+/// Correction of the given turn angles: `turn = given or -given, plus offset`
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TurnCorrection {
-    /// Whether the person turned the other way round
+    /// Whether the person turned in the opposite direction
     pub reversed: bool,
-    /// What was added afterwards
+    /// Offset added afterwards
     pub offset: TurnAngle,
 }
 
@@ -60,7 +60,7 @@ pub(super) fn solve_turns(problem: &mut Problem, rounds: usize) -> (Solution, Tu
         }
         set_turns(problem, &given, correction);
     }
-    // The prior holds the poses near the angles, so that one step takes only part of a large offset.
+    // The prior keeps the poses near the angles, so that one step transfers only part of a large offset.
     for _ in 0..MAX_OFFSET_STEPS {
         let shared = problem.shared(&best.unknowns.shared);
         let offset = mean_turn(problem, &shared, &best.unknowns);
@@ -81,7 +81,7 @@ fn set_turns(problem: &mut Problem, given: &[TurnAngle], correction: TurnCorrect
     }
 }
 
-/// How far all poses are turned beyond the turn angles, on average, in radians
+/// Returns the mean turn of all poses beyond the turn angles, in radians
 fn mean_turn(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> f64 {
     let poses = problem.views.iter().zip(&unknowns.poses);
     let turns: Vec<f64> = poses
@@ -94,7 +94,7 @@ fn mean_turn(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> f64 {
     turns.iter().sum::<f64>() / turns.len().max(1) as f64
 }
 
-/// Share of the keypoints that are outliers
+/// Returns the fraction of keypoints that are outliers
 fn unexplained_share(problem: &Problem, unknowns: &Unknowns) -> f64 {
     let shared = problem.shared(&unknowns.shared);
     let (mut all, mut outside) = (0.0, 0.0);

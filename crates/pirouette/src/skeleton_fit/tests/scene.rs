@@ -1,4 +1,4 @@
-//! A coarse body with known truth, seen by known cameras.
+//! A simple body with known truth, seen by known cameras.
 
 use glam::{DVec2, DVec3};
 use pirouette_geom::TriMesh;
@@ -39,7 +39,7 @@ pub(super) fn heads() -> PerBone<DVec3> {
     heads
 }
 
-/// A body of boxes around the bones: enough for crown, soles and bone lengths
+/// A body of boxes around the bones: sufficient for crown, soles and bone lengths
 pub(super) fn body() -> Avatar {
     let heads = heads();
     let head = |bone: Bone| heads[bone];
@@ -98,7 +98,7 @@ pub(super) fn body() -> Avatar {
     }
 }
 
-/// Repeatable noise: sums of twelve uniform numbers are normal enough
+/// Reproducible noise: sums of twelve uniform numbers are sufficiently normal
 pub(super) struct Noise(pub(super) u64);
 
 impl Noise {
@@ -126,12 +126,12 @@ pub(super) struct Truth {
 
 pub(super) struct Setting {
     pub(super) turns: Vec<f64>,
-    /// Sway in prior deviations
+    /// Sway in prior standard deviations
     pub(super) sway: f64,
     pub(super) noise_px: f64,
     pub(super) seed: u64,
     pub(super) pitch_radians: f64,
-    /// Rotation of both forearms about x in all views: straighter or more bent than the reference pose
+    /// Rotation of both forearms about x in all views: straighter or more bent than in the reference pose
     pub(super) forearms_degrees: f64,
 }
 
@@ -237,7 +237,7 @@ pub(super) fn solved(truth: &Truth) -> Solved {
     found.into()
 }
 
-/// Root mean square distance of the joints from their true places, root shift and all, in mm
+/// Returns the root mean square distance of the joints from their true positions, including the root shift, in mm
 pub(super) fn joint_error_mm(truth: &Truth, found: &Solved) -> f64 {
     let mut sum = 0.0;
     for (view, pose) in truth.poses.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The background plate: what a static camera sees behind the person.
+//! The clean plate: the background behind the person, as seen by a static camera.
 
 use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask};
@@ -6,28 +6,28 @@ use pirouette_geom::{Grid, Mask};
 use crate::log_domain::{ln_of_positive, log_sum_exp};
 use crate::seeds::Window;
 
-/// Color and spread of the background, per pixel, from all views that see it
+/// Color and standard deviation of the background per pixel, from all views that see it
 #[derive(Debug, Clone)]
-pub struct BackgroundPlate {
+pub struct CleanPlate {
     colors: Grid<[u8; 3]>,
     /// In levels
     sigmas: Grid<f32>,
-    /// Views that see the background here, at most 255
+    /// Number of views that see the background at a pixel, at most 255
     counts: Grid<u8>,
-    unrest: f32,
+    noise_level: f32,
 }
 
-/// How a [`BackgroundPlate`] is made
+/// Options of [`CleanPlate::estimate`]
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PlateOptions {
-    /// Least standard deviation, in levels; below, noise of the camera counts as person
+pub struct CleanPlateOptions {
+    /// Minimum standard deviation, in levels; below, camera noise counts as person
     pub min_sigma: f32,
-    /// How much wider than the spread between the views the background is taken; shadows of the person
-    /// differ from view to view
+    /// Factor from the spread between the views to the standard deviation; above 1, since shadows of the person differ
+    /// between views
     pub spread_factor: f32,
 }
 
-impl Default for PlateOptions {
+impl Default for CleanPlateOptions {
     fn default() -> Self {
         Self {
             min_sigma: 4.0,
@@ -36,30 +36,30 @@ impl Default for PlateOptions {
     }
 }
 
-/// Fewer views than this give a median but no spread
+/// With fewer views than this, only the median is estimated
 const MIN_VIEWS_FOR_SPREAD: usize = 4;
 
-/// Without a spread, the least standard deviation times this
+/// Standard deviation without a spread, relative to the minimum
 const UNKNOWN_SPREAD: f32 = 1.6;
 
-/// Standard deviation of a Gaussian over its median absolute deviation
+/// Standard deviation of a Gaussian, relative to its median absolute deviation
 const SIGMA_PER_MAD: f32 = 1.4826;
 
-/// Blur of the standard deviations, in px; the median of few views is itself noisy
+/// Blur of the standard deviations, in px; the median of few views is noisy
 const SIGMA_BLUR_PX: f32 = 2.0;
 
-/// Share of the pixels that may move without the photos being called unsteady
-const UNREST_QUANTILE: f64 = 0.9;
+/// Quantile of the deviations that gives the noise level
+const NOISE_QUANTILE: f64 = 0.9;
 
-impl BackgroundPlate {
-    /// The median over the views in which a pixel is surely background
+impl CleanPlate {
+    /// Computes the median over the views in which a pixel is definitely background
     ///
-    /// `backgrounds` holds one mask per photo, `true` where it is surely background. All have one size;
-    /// views of another size than the first are left out. `None` for no view.
-    pub fn estimate(views: &[PlateView], options: &PlateOptions) -> Option<Self> {
+    /// Each view is a photo and its mask, `true` where it definitely shows background. Views that differ in size from
+    /// the first are ignored. `None` without views.
+    pub fn estimate(views: &[BackgroundView], options: &CleanPlateOptions) -> Option<Self> {
         let (first, _) = views.first()?;
         let (width, height) = (first.width(), first.height());
-        let views: Vec<PlateView> = views
+        let views: Vec<BackgroundView> = views
             .iter()
             .copied()
             .filter(|(photo, mask)| photo.same_size(first) && mask.same_size(first))
@@ -72,7 +72,7 @@ impl BackgroundPlate {
             return None;
         }
         let network = sorting_network(views.len());
-        // spreads in quarter levels, so that their quantile needs no sorting
+        // deviations in quarter levels, so that their quantile needs no sorting
         let histogram = colors
             .as_mut_slice()
             .par_chunks_mut(width)
@@ -109,45 +109,44 @@ impl BackgroundPlate {
             );
         let total: usize = histogram.iter().sum();
         let mut below = 0;
-        let unrest = histogram.iter().position(|&n| {
+        let noise_level = histogram.iter().position(|&n| {
             below += n;
-            total > 0 && below as f64 >= UNREST_QUANTILE * total as f64
+            total > 0 && below as f64 >= NOISE_QUANTILE * total as f64
         });
         blur(&mut sigmas, SIGMA_BLUR_PX);
         Some(Self {
             colors,
             sigmas,
             counts,
-            unrest: unrest.unwrap_or(0) as f32 / 4.0,
+            noise_level: noise_level.unwrap_or(0) as f32 / 4.0,
         })
     }
 
-    /// How much the background differs between the views, in levels: nine pixels of ten deviate less
+    /// Returns the 90 % quantile of the deviations between the views, in levels
     ///
-    /// A few levels for a static camera; far more when the camera moved. 0 when no pixel is seen by four
-    /// views.
-    pub fn unrest(&self) -> f32 {
-        self.unrest
+    /// A few levels for a static camera; far more when the camera moved. 0 if no pixel is seen by four views.
+    pub fn noise_level(&self) -> f32 {
+        self.noise_level
     }
 
-    /// Color of the background at a pixel of the photo, `None` where no view sees it
+    /// Returns the color of the background at a pixel of the photo, `None` where no view sees it
     pub fn color(&self, x: usize, y: usize) -> Option<[u8; 3]> {
         (self.counts[(x, y)] > 0).then(|| self.colors[(x, y)])
     }
 
-    /// Row `y` of a window: colors of the background, and by how many views each was seen
+    /// Returns row `y` of a window: background colors, and the number of views that see them
     pub(crate) fn row(&self, window: Window, y: usize) -> (&[[u8; 3]], &[u8]) {
         (window.row(&self.colors, y), window.row(&self.counts, y))
     }
 
-    /// Standard deviation of the background's color at a pixel, in levels
+    /// Returns the standard deviation of the background's color at a pixel, in levels
     pub fn sigma(&self, x: usize, y: usize) -> f32 {
         self.sigmas[(x, y)]
     }
 
-    /// Mixes the plate into the logarithms of another density, for a stretch of a row from `x`, `y` on
+    /// Mixes the clean plate into the logarithms of another density, for a run of pixels from `x`, `y` on
     ///
-    /// The plate has this `share` of the mixture; where no view sees the background the other density stays.
+    /// `share` is the weight of the clean plate; where no view sees the background, the density is unchanged.
     pub(crate) fn mix_into(
         &self,
         (x, y): (usize, usize),
@@ -159,31 +158,32 @@ impl BackgroundPlate {
         const LOG_NORM: f32 = 2.756_815_6;
         let columns = x..x + colors.len();
         let [own, other] = [share.ln() - LOG_NORM, (1.0 - share).ln()];
-        for ((((density, color), plate), &sigma), &count) in log_densities
+        for ((((density, color), clean_plate), &sigma), &count) in log_densities
             .iter_mut()
             .zip(colors)
             .zip(&self.colors.row(y)[columns.clone()])
             .zip(&self.sigmas.row(y)[columns.clone()])
             .zip(&self.counts.row(y)[columns])
         {
-            let distance = squared_distance(*color, *plate) as f32;
-            let plate = own - 0.5 * distance / (sigma * sigma) - 3.0 * ln_of_positive(sigma);
-            let mixed = log_sum_exp(plate, other + *density);
+            let distance = squared_distance(*color, *clean_plate) as f32;
+            let clean_plate = own - 0.5 * distance / (sigma * sigma) - 3.0 * ln_of_positive(sigma);
+            let mixed = log_sum_exp(clean_plate, other + *density);
             *density = if count > 0 { mixed } else { *density };
         }
     }
 
-    /// Whether a color is within the noise of what is seen behind a pixel
-    pub(crate) fn explains(&self, x: usize, y: usize, color: [u8; 3]) -> bool {
+    /// Whether a color is within the noise of the background at a pixel
+    pub(crate) fn is_background_color(&self, x: usize, y: usize, color: [u8; 3]) -> bool {
         /// In standard deviations
         const NOISE: f32 = 3.0;
         let reach = NOISE * self.sigma(x, y);
-        self.color(x, y)
-            .is_some_and(|plate| (squared_distance(color, plate) as f32) < reach * reach)
+        self.color(x, y).is_some_and(|clean_plate| {
+            (squared_distance(color, clean_plate) as f32) < reach * reach
+        })
     }
 }
 
-/// Squared distance of two colors, in squared levels
+/// Returns the squared distance of two colors, in squared levels
 pub(crate) fn squared_distance(a: [u8; 3], b: [u8; 3]) -> u32 {
     let mut sum = 0;
     for channel in 0..3 {
@@ -193,7 +193,7 @@ pub(crate) fn squared_distance(a: [u8; 3], b: [u8; 3]) -> u32 {
     sum
 }
 
-/// Pairs of places to be put in order, one after the other, that sort `count` values
+/// Returns the compare-exchange pairs, in order, that sort `count` values
 ///
 /// # Source
 /// K. Batcher 1968, "Sorting networks and their applications": merge exchange, for any count as in D. Knuth, The Art of
@@ -219,7 +219,7 @@ fn sorting_network(count: usize) -> Vec<[usize; 2]> {
     pairs
 }
 
-/// Sorts the values that many rows have at each place, all places at once
+/// Sorts the values of all rows at each position, vectorized over the positions
 fn sort_across<T: Ord + Copy>(rows: &mut [Vec<T>], network: &[[usize; 2]]) {
     for &[low, high] in network {
         let (left, right) = rows.split_at_mut(high);
@@ -229,10 +229,10 @@ fn sort_across<T: Ord + Copy>(rows: &mut [Vec<T>], network: &[[usize; 2]]) {
     }
 }
 
-/// A photo, and where it surely shows background
-type PlateView<'a> = (&'a Grid<[u8; 3]>, &'a Mask);
+/// A photo, and where it definitely shows background
+type BackgroundView<'a> = (&'a Grid<[u8; 3]>, &'a Mask);
 
-/// Medians over the views for one row of the photos at a time; what a view does not see is sorted to the end
+/// Computes medians over the views, one row of the photos at a time; unseen values are sorted to the end
 struct RowSorter {
     levels: Vec<Vec<u8>>,
     deviations: Vec<Vec<u16>>,
@@ -248,10 +248,10 @@ impl RowSorter {
         }
     }
 
-    /// The median color of each pixel over the views that see it, and how many these are
+    /// Computes the median color of each pixel over the views that see it, and counts these views
     fn medians(
         &mut self,
-        views: &[PlateView],
+        views: &[BackgroundView],
         y: usize,
         network: &[[usize; 2]],
         colors: &mut [[u8; 3]],
@@ -269,7 +269,7 @@ impl RowSorter {
         }
         sort_across(&mut self.levels, network);
         for (x, (color, &count)) in colors.iter_mut().zip(&*counts).enumerate() {
-            let (low, high) = middle(count);
+            let (low, high) = middle_indices(count);
             for (channel, level) in color.iter_mut().enumerate() {
                 let at = 3 * x + channel;
                 *level = self.levels[low][at].midpoint(self.levels[high][at]);
@@ -277,10 +277,10 @@ impl RowSorter {
         }
     }
 
-    /// The median of each pixel's distance to `colors`, summed over the channels
+    /// Computes the median of each pixel's distance to `colors`, summed over the channels
     fn median_deviations(
         &mut self,
-        views: &[PlateView],
+        views: &[BackgroundView],
         y: usize,
         network: &[[usize; 2]],
         colors: &[[u8; 3]],
@@ -288,30 +288,30 @@ impl RowSorter {
     ) -> &[u16] {
         for (deviations, (photo, mask)) in self.deviations.iter_mut().zip(views) {
             let (photo, mask) = (photo.row(y), mask.row(y));
-            for (((deviation, color), plate), &seen) in
+            for (((deviation, color), clean_plate), &seen) in
                 deviations.iter_mut().zip(photo).zip(colors).zip(mask)
             {
-                let apart = |c: usize| u16::from(color[c].abs_diff(plate[c]));
+                let distance = |c: usize| u16::from(color[c].abs_diff(clean_plate[c]));
                 let unseen = u16::from(seen).wrapping_sub(1);
-                *deviation = (apart(0) + apart(1) + apart(2)) | unseen;
+                *deviation = (distance(0) + distance(1) + distance(2)) | unseen;
             }
         }
         sort_across(&mut self.deviations, network);
         for (x, (median, &count)) in self.medians.iter_mut().zip(counts).enumerate() {
-            let (low, high) = middle(count);
+            let (low, high) = middle_indices(count);
             *median = self.deviations[low][x].midpoint(self.deviations[high][x]);
         }
         &self.medians
     }
 }
 
-/// The two places in the middle of so many sorted values
-fn middle(count: u8) -> (usize, usize) {
+/// Returns the two middle_indices indices of `count` sorted values
+fn middle_indices(count: u8) -> (usize, usize) {
     let count = usize::from(count);
     (count.saturating_sub(1) / 2, count / 2)
 }
 
-/// Gaussian blur in place; values beyond the border repeat the outermost ones
+/// Blurs in place with a Gaussian; values beyond the border repeat the outermost ones
 pub(crate) fn blur(grid: &mut Grid<f32>, sigma: f32) {
     let (width, height) = (grid.width(), grid.height());
     let kernel = gaussian_kernel(sigma);
@@ -332,7 +332,7 @@ pub(crate) fn blur(grid: &mut Grid<f32>, sigma: f32) {
             *value = sum;
         }
     });
-    // down the columns, keeping only the rows above that are still needed
+    // along the columns, storing only the rows above that are still needed
     let clamp_row = |y: isize| y.clamp(0, height as isize - 1) as usize;
     let mut above: std::collections::VecDeque<Vec<f32>> =
         (0..radius).map(|_| grid.row(0).to_vec()).collect();
@@ -356,7 +356,7 @@ pub(crate) fn blur(grid: &mut Grid<f32>, sigma: f32) {
     }
 }
 
-/// One half of a Gaussian that sums to one over both halves, cut off at three sigma
+/// Returns one half of a Gaussian kernel with sum one over both halves, cut off at three sigma
 fn gaussian_kernel(sigma: f32) -> Vec<f32> {
     let radius = (3.0 * sigma).ceil().max(0.0) as usize;
     let mut kernel: Vec<f32> = (0..=radius)
@@ -374,21 +374,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_median_forgets_the_person() {
+    fn the_median_removes_the_person() {
         let wall = Grid::filled(4, 4, [100, 120, 140]);
         let mut person = wall.clone();
         person[(1, 1)] = [10, 10, 10];
         let all = Mask::filled(4, 4, true);
         let views = [(&wall, &all), (&person, &all), (&wall, &all), (&wall, &all)];
-        let plate = BackgroundPlate::estimate(&views, &PlateOptions::default()).unwrap();
-        assert_eq!(plate.color(1, 1), Some([100, 120, 140]));
-        assert!((plate.sigma(1, 1) - 4.0).abs() < 1e-5);
-        assert_eq!(plate.unrest(), 0.0);
+        let clean_plate = CleanPlate::estimate(&views, &CleanPlateOptions::default()).unwrap();
+        assert_eq!(clean_plate.color(1, 1), Some([100, 120, 140]));
+        assert!((clean_plate.sigma(1, 1) - 4.0).abs() < 1e-5);
+        assert_eq!(clean_plate.noise_level(), 0.0);
     }
 
     proptest! {
         #[test]
-        fn medians_are_those_of_sorted_values(
+        fn medians_match_those_of_sorted_values(
             pixels in prop::collection::vec(
                 prop::collection::vec((prop::array::uniform3(any::<u8>()), any::<bool>()), 5),
                 1..12,
@@ -402,8 +402,8 @@ mod tests {
                 })
                 .collect();
             let views: Vec<_> = views.iter().map(|(photo, mask)| (photo, mask)).collect();
-            let options = PlateOptions { min_sigma: 0.0, spread_factor: 1.0 };
-            let plate = BackgroundPlate::estimate(&views, &options).unwrap();
+            let options = CleanPlateOptions { min_sigma: 0.0, spread_factor: 1.0 };
+            let clean_plate = CleanPlate::estimate(&views, &options).unwrap();
             for x in 0..5 {
                 let seen: Vec<[u8; 3]> =
                     pixels.iter().filter(|row| row[x].1).map(|row| row[x].0).collect();
@@ -414,7 +414,7 @@ mod tests {
                         levels[(levels.len() - 1) / 2].midpoint(levels[levels.len() / 2])
                     })
                 });
-                prop_assert_eq!(plate.color(x, 0), expected);
+                prop_assert_eq!(clean_plate.color(x, 0), expected);
             }
         }
     }
@@ -442,22 +442,25 @@ mod tests {
     fn pixels_that_no_view_sees_have_no_color() {
         let photo = Grid::filled(2, 1, [9, 9, 9]);
         let seen = Mask::from_art("#.");
-        let plate =
-            BackgroundPlate::estimate(&[(&photo, &seen)], &PlateOptions::default()).unwrap();
-        assert_eq!(plate.color(0, 0), Some([9, 9, 9]));
-        assert_eq!(plate.color(1, 0), None);
+        let clean_plate =
+            CleanPlate::estimate(&[(&photo, &seen)], &CleanPlateOptions::default()).unwrap();
+        assert_eq!(clean_plate.color(0, 0), Some([9, 9, 9]));
+        assert_eq!(clean_plate.color(1, 0), None);
         let mut densities = [-20.0, -20.0];
-        plate.mix_into((0, 0), &[[9, 9, 9]; 2], 0.5, &mut densities);
+        clean_plate.mix_into((0, 0), &[[9, 9, 9]; 2], 0.5, &mut densities);
         let seen = -1.5 * (2.0 * std::f32::consts::PI * 6.4 * 6.4).ln() + 0.5_f32.ln();
         assert!((densities[0] - seen).abs() < 1e-3, "{densities:?}");
         assert_eq!(densities[1], -20.0);
-        assert!(plate.explains(0, 0, [15, 15, 9]));
-        assert!(!plate.explains(0, 0, [29, 9, 9]) && !plate.explains(1, 0, [9, 9, 9]));
-        assert!((plate.sigma(0, 0) - 6.4).abs() < 1e-5);
+        assert!(clean_plate.is_background_color(0, 0, [15, 15, 9]));
+        assert!(
+            !clean_plate.is_background_color(0, 0, [29, 9, 9])
+                && !clean_plate.is_background_color(1, 0, [9, 9, 9])
+        );
+        assert!((clean_plate.sigma(0, 0) - 6.4).abs() < 1e-5);
     }
 
     #[test]
-    fn a_moving_camera_is_restless() {
+    fn a_moving_camera_has_a_high_noise_level() {
         let photos: Vec<_> = (0..6_usize)
             .map(|shift| {
                 Grid::from_fn(40, 30, |x, y| {
@@ -467,26 +470,26 @@ mod tests {
             .collect();
         let all = Mask::filled(40, 30, true);
         let views: Vec<_> = photos.iter().map(|p| (p, &all)).collect();
-        let moving = BackgroundPlate::estimate(&views, &PlateOptions::default()).unwrap();
+        let moving = CleanPlate::estimate(&views, &CleanPlateOptions::default()).unwrap();
         let views: Vec<_> = photos.iter().map(|_| (&photos[0], &all)).collect();
-        let still = BackgroundPlate::estimate(&views, &PlateOptions::default()).unwrap();
-        assert!(moving.unrest() > 12.0 && still.unrest() < 1.0);
+        let still = CleanPlate::estimate(&views, &CleanPlateOptions::default()).unwrap();
+        assert!(moving.noise_level() > 12.0 && still.noise_level() < 1.0);
     }
 
     #[test]
-    fn views_of_another_size_are_left_out() {
+    fn views_of_another_size_are_ignored() {
         let (large, small) = (Grid::filled(3, 3, [7; 3]), Grid::filled(2, 2, [200; 3]));
         let (all, few) = (Mask::filled(3, 3, true), Mask::filled(2, 2, true));
         let views = [(&large, &all), (&small, &few)];
-        let plate = BackgroundPlate::estimate(&views, &PlateOptions::default()).unwrap();
-        assert_eq!(plate.color(0, 0), Some([7; 3]));
-        assert!(BackgroundPlate::estimate(&[], &PlateOptions::default()).is_none());
+        let clean_plate = CleanPlate::estimate(&views, &CleanPlateOptions::default()).unwrap();
+        assert_eq!(clean_plate.color(0, 0), Some([7; 3]));
+        assert!(CleanPlate::estimate(&[], &CleanPlateOptions::default()).is_none());
         let none = (&Grid::from_vec(0, 0, vec![]), &Mask::filled(0, 0, true));
-        assert!(BackgroundPlate::estimate(&[none], &PlateOptions::default()).is_none());
+        assert!(CleanPlate::estimate(&[none], &CleanPlateOptions::default()).is_none());
     }
 
     #[test]
-    fn blurring_keeps_the_sum_and_flat_grids() {
+    fn blurring_preserves_the_sum_and_flat_grids() {
         let mut flat = Grid::filled(5, 7, 3.0);
         blur(&mut flat, 2.0);
         assert!(flat.as_slice().iter().all(|v| (v - 3.0).abs() < 1e-5));
