@@ -223,7 +223,7 @@ fn links_may_not_leave_the_scan_folder() {
     let error = folders.run("scan", &[]).exits_with(1).stderr();
     assert_eq!(error.lines().count(), 1, "{error}");
     assert!(
-        error.contains("001.jpg leads out") && error.contains("copy the file"),
+        error.contains("001.jpg points outside") && error.contains("copy the file"),
         "{error}"
     );
     assert!(!folders.out().exists());

@@ -226,7 +226,7 @@ fn write_view(
         let mask = resample_mask(&silhouette.soft.whole(), width, height, 0.5);
         // What was found in a smaller copy of the photo ends where the photo itself says.
         let found_here = silhouette.seeds.is_some();
-        let photo = found_here.then(|| loaded.whole_photo(found.id.0));
+        let photo = found_here.then(|| loaded.full_size_photo(found.id.0));
         match photo.flatten() {
             Some(photo) => sharpen(&photo, &mask),
             None => mask,
