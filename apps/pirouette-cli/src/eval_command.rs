@@ -51,7 +51,7 @@ fn eval_published(
         effort: if args.quick {
             Effort::Quick
         } else {
-            Effort::Whole
+            Effort::Full
         },
         only: args.only.clone(),
         photos: args.photos.clone(),

@@ -63,9 +63,7 @@ pub enum PhotoError {
         "{width_px} x {height_px} px is too small; both sides need at least {MIN_PHOTO_SIDE_PX} px"
     )]
     TooSmall { width_px: usize, height_px: usize },
-    #[error(
-        "the photo has no contrast (gray levels {darkest} to {brightest}); retake it"
-    )]
+    #[error("the photo has no contrast (gray levels {darkest} to {brightest}); retake it")]
     Blank { darkest: u8, brightest: u8 },
 }
 

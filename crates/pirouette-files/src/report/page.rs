@@ -104,9 +104,7 @@ pub(crate) fn write_page(page: &Page) -> String {
         html.push_str("</div>\n");
     }
     if let Some(residuals) = &page.residuals {
-        html.push_str(
-            "<h2>Differences between the photos and the body</h2>\n<div class=\"wide\">",
-        );
+        html.push_str("<h2>Differences between the photos and the body</h2>\n<div class=\"wide\">");
         let what = "distances between the outlines, in mm, and numbers of views that see each part";
         add_picture(&mut html, what, residuals);
         html.push_str("</div>\n");

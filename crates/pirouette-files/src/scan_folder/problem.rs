@@ -106,7 +106,9 @@ pub enum ScanWarning {
         "the photos were taken with different zoom ({smallest_deg:.1} to {largest_deg:.1} degrees by EXIF); used the median"
     )]
     FieldsOfViewDiffer { smallest_deg: f64, largest_deg: f64 },
-    #[error("{file} was ignored, since its name is not that of a photo; list it in scan.json to use it")]
+    #[error(
+        "{file} was ignored, since its name is not that of a photo; list it in scan.json to use it"
+    )]
     ImageIgnored { file: String },
 }
 

@@ -68,7 +68,9 @@ pub enum SourceError {
     Link { name: String },
     #[error("{name} is encrypted; create the zip file without a password")]
     Encrypted { name: String },
-    #[error("{name} is compressed by {method}; create the zip file with the usual method (deflate)")]
+    #[error(
+        "{name} is compressed by {method}; create the zip file with the usual method (deflate)"
+    )]
     Method { name: String, method: String },
     #[error("{count} files and folders; at most {MAX_ENTRY_COUNT} are accepted")]
     TooMany { count: usize },

@@ -144,9 +144,7 @@ fn links_duplicates_and_encrypted_files_are_rejected() {
         b"a.jpg",
     );
     assert!(rejected(twins).contains("twice"));
-    assert!(
-        rejected(zip_of(&[("a.jpg", b"1"), ("./a.jpg", b"2")])).contains("a.jpg occurs twice")
-    );
+    assert!(rejected(zip_of(&[("a.jpg", b"1"), ("./a.jpg", b"2")])).contains("a.jpg occurs twice"));
     assert!(Source::from_files("anna", [("a", [1]), ("./a", [2])]).is_err());
     // The encryption flag in the local and the central header of the single entry
     let mut secret = zip_of(&[("a.jpg", b"1")]);
