@@ -1,9 +1,9 @@
-//! Times stages on one thread, and writes what they were given and what they made of it.
+//! Times stages on one thread, and writes their inputs and results.
 //!
-//! `time-stages FOLDER` writes photos, seeds and masks as PNG and the rest to `inputs.json`, for other programs
-//! to do the same; it prints milliseconds per stage as one JSON object, the best of a few runs each.
+//! `time-stages FOLDER` writes photos, seeds and masks as PNG and other data to `inputs.json`, so that other programs
+//! can do the same work; it prints milliseconds per stage as one JSON object, the best of a few runs each.
 
-#![allow(clippy::print_stdout, reason = "the times are what it is for")]
+#![allow(clippy::print_stdout, reason = "the program prints the times")]
 
 use std::error::Error;
 use std::hint::black_box;
@@ -26,14 +26,14 @@ use serde_json::{Map, Value, json};
 
 type Failure = Box<dyn Error + Send + Sync>;
 
-/// Rounds of the deformation, none left out
+/// Fixed number of rounds of the deformation
 const ARAP: ArapOptions = ArapOptions {
     rounds: 20,
     tolerance: 0.0,
     start: ArapStart::Rest,
 };
 
-/// No points but those given
+/// No additional points
 const AS_GIVEN: TriangulateOptions = TriangulateOptions {
     max_area: None,
     clearance: 0.0,
@@ -53,7 +53,7 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// The shortest of some runs, in ms, and the last result
+/// Returns the shortest of some runs, in ms, and the last result
 fn best_ms<T>(runs: usize, mut work: impl FnMut() -> T) -> (f64, T) {
     let mut run = || {
         let start = Instant::now();
@@ -89,14 +89,14 @@ fn time(stages: &Stages, folder: &Path) -> Result<Map<String, Value>, Failure> {
         let truth = &stages.synthetic.truth.silhouettes;
         let ious = found.iter().zip(truth).map(|(f, t)| f.mask.iou(t));
         inputs.insert(format!("{name}_iou"), json!(ious.collect::<Vec<f64>>()));
-        // Both begin with the same seeds: those of the prior.
+        // Both variants start with the same seeds: those of the prior.
         for (view, found) in found.iter().enumerate().filter(|_| !options.single) {
             write_photo(stages, view, found, folder)?;
         }
     }
 
     let masks: Vec<&Mask> = stages.masks().collect();
-    // OpenCV measures to the nearest zero: of the person, to the background.
+    // OpenCV measures the distance to the nearest zero: from the person to the background.
     let outside: Vec<Mask> = masks
         .iter()
         .map(|mask| mask.map(|&inside| !inside))
@@ -208,7 +208,7 @@ fn coordinates(points: &[DVec2]) -> Vec<[f64; 2]> {
     points.iter().map(|p| p.to_array()).collect()
 }
 
-/// The photo, its seeds as gray levels 0 to 3, and the true silhouette
+/// Writes the photo, its seeds as gray levels 0 to 3, and the true silhouette
 fn write_photo(
     stages: &Stages,
     view: usize,
@@ -218,7 +218,7 @@ fn write_photo(
     let file = |kind: &str| folder.join(format!("{view:03}_{kind}.png"));
     let photo = &stages.synthetic.scan.views[view].photo;
     write_whole(&file("photo"), &encode_photo_png(photo)?)?;
-    let seeds = found.seeds.as_ref().ok_or("the view was segmented")?;
+    let seeds = found.seeds.as_ref().ok_or("the view has no seeds")?;
     let gray = seeds.map(|&seed| [seed as u8; 3]);
     write_whole(&file("seeds"), &encode_photo_png(&gray)?)?;
     let truth = &stages.synthetic.truth.silhouettes[view];
