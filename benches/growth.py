@@ -3,7 +3,8 @@
     cargo build --release -p pirouette-cli -p pirouette-bench
     python benches/growth.py [--quick]
 
-Each scan runs in a separate process; printed are its shortest wall time and peak memory. Ratios refer to the previous row.
+Each scan runs in a separate process. The shortest wall time and its peak memory are printed, with ratios to the
+previous row.
 """
 
 import os

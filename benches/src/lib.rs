@@ -49,7 +49,7 @@ pub fn photograph(width_px: usize, height_px: usize, view_count: usize) -> Synth
         mass_kg: Some(72.0),
         ..MannequinParameters::default()
     })
-    .expect("a usual stature and mass");
+    .expect("valid stature and mass");
     synthesize(
         &person,
         &SyntheticOptions {
@@ -119,7 +119,7 @@ impl Stages {
             stature_mm: scan.stature_mm,
             ..MannequinParameters::default()
         })
-        .expect("a usual stature");
+        .expect("valid stature");
         let (skeleton, views) = fit_shared_skeleton(&avatar, &synthetic);
         let priors = render_priors(&skeleton.avatar, &views, &|| ());
         let silhouettes: Vec<Silhouette> = {

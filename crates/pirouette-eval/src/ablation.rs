@@ -159,7 +159,7 @@ pub fn study(
     };
     let mut table = Table::new(
         format!(
-            "{} photographed people in {} views, one part left out",
+            "{} photographed people in {} views, one part disabled",
             people.len(),
             options.views
         ),

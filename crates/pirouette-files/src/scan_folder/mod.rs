@@ -19,7 +19,7 @@ use crate::formats::photo::decode_photo;
 use crate::source::Source;
 use pirouette::scan::{CameraSetup, Photo, Scan, StatureFrom, View};
 use pirouette_body::TurnAngle;
-use view::{LoadedView, keypoint_places, load_view};
+use view::{LoadedView, keypoint_paths, load_view};
 
 pub use problem::{ScanError, ScanWarning, ViewError};
 #[cfg(feature = "folders")]
@@ -59,7 +59,7 @@ const MAX_JSON_BYTES: u64 = 64 << 20;
 const MAX_FOV_SPREAD: f64 = 0.03;
 
 /// File extensions of photos in a folder without a manifest, in lower case
-const PHOTO_ENDINGS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
+const PHOTO_EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
 
 /// Suffixes of the stems of images that are not photos: masks and images rendered by OpenPose
 const NO_PHOTO_SUFFIXES: [&str; 2] = ["_mask", "_rendered"];
@@ -235,7 +235,7 @@ fn check_links(source: &Source, entries: &[ManifestView]) -> Result<(), ScanErro
         for name in entry.keypoints.iter().chain(&entry.mask) {
             check_link(source, name)?;
         }
-        for name in keypoint_places(&entry.image) {
+        for name in keypoint_paths(&entry.image) {
             check_link(source, &name)?;
         }
     }
@@ -268,7 +268,7 @@ fn find_photos(
     files.retain(|name| {
         let ending = Path::new(name).extension();
         let ending = ending.map(|e| e.to_string_lossy().to_lowercase());
-        let photo = ending.is_some_and(|e| PHOTO_ENDINGS.contains(&e.as_str()));
+        let photo = ending.is_some_and(|e| PHOTO_EXTENSIONS.contains(&e.as_str()));
         photo && !name.starts_with('.')
     });
     files.sort_by(|a, b| natural_order(a, b));

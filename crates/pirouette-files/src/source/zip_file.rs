@@ -111,12 +111,12 @@ impl ZipFile {
         let content = read_bounded(entry, bytes).map_err(|error| match error.kind() {
             io::ErrorKind::FileTooLarge => io::Error::new(
                 io::ErrorKind::InvalidData,
-                "more bytes than its header says",
+                "more bytes than stated in its header",
             ),
             _ => error,
         })?;
         if (content.len() as u64) < bytes {
-            let fewer = "fewer bytes than its header says";
+            let fewer = "fewer bytes than stated in its header";
             return Err(io::Error::new(io::ErrorKind::InvalidData, fewer));
         }
         Ok(content)

@@ -377,7 +377,7 @@ mod tests {
             pose,
             ..MannequinParameters::default()
         };
-        mannequin(&parameters).expect("a usual person")
+        mannequin(&parameters).expect("valid parameters")
     }
 
     #[test]
@@ -407,7 +407,7 @@ mod tests {
                 .zip(&corners(&avatar))
                 .map(|(a, b)| (*a - *b).length())
                 .fold(0.0, f64::max);
-            assert!(off < 0.02, "posed alike to {off} mm");
+            assert!(off < 0.02, "posed vertices differ by {off} mm");
         }
     }
 
