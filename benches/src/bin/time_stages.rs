@@ -16,7 +16,7 @@ use pirouette::normalize::register::{ReferenceContourMap, RegisterOptions, regis
 use pirouette::segment::{SegmentOptions, Silhouette, segment};
 use pirouette_bench::{HeldMesh, PlanarPoints, Stages, VIEW_COUNT};
 use pirouette_files::formats::photo::{encode_mask, encode_photo_png};
-use pirouette_files::sink::{make_folder, write_whole};
+use pirouette_files::sink::{make_folder, write_atomic};
 use pirouette_geom::arap::{ArapOptions, ArapSolver, ArapStart, ArapWeights};
 use pirouette_geom::contour::trace_contours;
 use pirouette_geom::distance_map::{distance_to, signed_distance};
@@ -179,7 +179,7 @@ fn time(stages: &Stages, folder: &Path) -> Result<Map<String, Value>, Failure> {
     let hull = hull?;
     for (view, mask) in stages.synthetic.truth.canonical.iter().enumerate() {
         let png = encode_mask(mask)?;
-        write_whole(&folder.join(format!("{view:03}_still.png")), &png)?;
+        write_atomic(&folder.join(format!("{view:03}_still.png")), &png)?;
     }
     let camera = stages.synthetic.truth.camera;
     let (low, high) = hull.bounds().ok_or("the hull is empty")?;
@@ -200,7 +200,7 @@ fn time(stages: &Stages, folder: &Path) -> Result<Map<String, Value>, Failure> {
         }),
     );
     let inputs = Value::Object(inputs).to_string();
-    write_whole(&folder.join("inputs.json"), inputs.as_bytes())?;
+    write_atomic(&folder.join("inputs.json"), inputs.as_bytes())?;
     Ok(times)
 }
 
@@ -217,13 +217,13 @@ fn write_photo(
 ) -> Result<(), Failure> {
     let file = |kind: &str| folder.join(format!("{view:03}_{kind}.png"));
     let photo = &stages.synthetic.scan.views[view].photo;
-    write_whole(&file("photo"), &encode_photo_png(photo)?)?;
+    write_atomic(&file("photo"), &encode_photo_png(photo)?)?;
     let seeds = found.seeds.as_ref().ok_or("the view has no seeds")?;
     let gray = seeds.map(|&seed| [seed as u8; 3]);
-    write_whole(&file("seeds"), &encode_photo_png(&gray)?)?;
+    write_atomic(&file("seeds"), &encode_photo_png(&gray)?)?;
     let truth = &stages.synthetic.truth.silhouettes[view];
-    write_whole(&file("truth"), &encode_mask(truth)?)?;
+    write_atomic(&file("truth"), &encode_mask(truth)?)?;
     let mask = encode_mask(&stages.silhouettes[view].mask)?;
-    write_whole(&file("mask"), &mask)?;
+    write_atomic(&file("mask"), &mask)?;
     Ok(())
 }

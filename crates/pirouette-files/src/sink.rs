@@ -70,7 +70,7 @@ impl Sink {
             Self::Folder(_) => {
                 let file = self.path(name);
                 make_folder(file.parent().unwrap_or(Path::new(".")))?;
-                write_whole(&file, &bytes)
+                write_atomic(&file, &bytes)
             }
             Self::Memory(entries) => {
                 let mut entries = entries.lock().unwrap_or_else(PoisonError::into_inner);
@@ -130,11 +130,11 @@ pub fn make_folder(folder: &Path) -> Result<(), WriteError> {
 /// # Errors
 /// When the disk is full or permission is denied; an existing file is then unchanged.
 #[cfg(feature = "folders")]
-pub fn write_whole(file: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+pub fn write_atomic(file: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     write_with(file, |out| out.write_all(bytes))
 }
 
-/// Like [`write_whole`], with the content written by `write`
+/// Like [`write_atomic`], with the content written by `write`
 ///
 /// # Errors
 /// When `write` fails, the disk is full or permission is denied; an existing file is then unchanged.
@@ -202,8 +202,8 @@ mod tests {
     fn a_file_is_replaced_completely() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.txt");
-        write_whole(&file, b"one").unwrap();
-        write_whole(&file, b"two").unwrap();
+        write_atomic(&file, b"one").unwrap();
+        write_atomic(&file, b"two").unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"two");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
@@ -212,7 +212,7 @@ mod tests {
     fn a_full_disk_leaves_only_the_old_file() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.txt");
-        write_whole(&file, b"old").unwrap();
+        write_atomic(&file, b"old").unwrap();
         let error = write_with(&file, |out| {
             out.write_all(b"half of the ")?;
             Err(io::Error::from(io::ErrorKind::StorageFull))
@@ -240,11 +240,11 @@ mod tests {
     #[test]
     fn a_missing_folder_is_reported_without_the_temporary_name() {
         let folder = tempfile::tempdir().unwrap();
-        let error = write_whole(&folder.path().join("none/a.txt"), b"").unwrap_err();
+        let error = write_atomic(&folder.path().join("none/a.txt"), b"").unwrap_err();
         assert!(matches!(error, WriteError::NoFolder { .. }));
         let file = folder.path().join("a");
         fs::write(&file, b"").unwrap();
-        let message = write_whole(&file.join("b"), b"").unwrap_err().to_string();
+        let message = write_atomic(&file.join("b"), b"").unwrap_err().to_string();
         assert!(message.contains("choose another"), "{message}");
         assert!(!message.contains(".part"), "{message}");
     }
