@@ -1,9 +1,10 @@
-"""Scans rendered people of growing size and number of photos, and prints time and memory as Markdown.
+"""Scans rendered people with increasing size and number of photos, and prints time and memory as Markdown.
 
     cargo build --release -p pirouette-cli -p pirouette-bench
     python benches/growth.py [--quick]
 
-Each scan is a process of its own: the shortest wall time of its runs, and its peak memory. Ratios are to the row before.
+Each scan runs in a separate process. The shortest wall time and its peak memory are printed, with ratios to the
+previous row.
 """
 
 import os
@@ -19,7 +20,7 @@ VIEW_COUNTS = [4, 8, 16, 36, 72]
 RUNS = 3
 
 
-def scan(folder, *options):
+"""Returns seconds and megabytes of the best run"""
     """Seconds and megabytes of the best run"""
     best = (float("inf"), 0.0)
     for _ in range(RUNS):

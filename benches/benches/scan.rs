@@ -1,6 +1,6 @@
-//! The whole job on a rendered scan of 8 views of 800 x 1000: from memory, and from a folder to a folder.
+//! Complete jobs on a rendered scan of 8 views of 800 x 1000: from memory, and from a folder to a folder.
 
-#![allow(missing_docs, reason = "criterion's macros make public items")]
+#![allow(missing_docs, reason = "criterion's macros generate public items")]
 
 use std::time::Duration;
 
@@ -19,9 +19,9 @@ fn job(scan: &Scan, method: Method) -> Report {
         .expect("the rendered person is scanned")
 }
 
-fn whole(c: &mut Criterion) {
+fn complete_jobs(c: &mut Criterion) {
     let scan = photograph(PHOTO_SIZE_PX.0, PHOTO_SIZE_PX.1, VIEW_COUNT).scan;
-    let folder = tempfile::tempdir().expect("a folder for temporary files");
+    let folder = tempfile::tempdir().expect("a temporary folder");
     write_scan(folder.path(), &scan).expect("photos can be written");
     let load =
         || load_scan(folder.path(), &LoadOptions::default()).expect("they were just written");
@@ -54,6 +54,6 @@ criterion_group! {
         .sample_size(10)
         .warm_up_time(Duration::from_millis(500))
         .measurement_time(Duration::from_secs(5));
-    targets = whole
+    targets = complete_jobs
 }
 criterion_main!(benches);

@@ -1,9 +1,9 @@
-//! Each stage on its own, on one rendered scan of 8 views of 800 x 1000.
+//! Each stage separately, on one rendered scan of 8 views of 800 x 1000.
 //!
-//! `cargo bench -p pirouette-bench --bench stages -- NAME` runs those whose names contain NAME. Stages that work
-//! view by view are timed on the first one.
+//! `cargo bench -p pirouette-bench --bench stages -- NAME` runs those whose names contain NAME. Stages that process
+//! each view separately are timed on the first one.
 
-#![allow(missing_docs, reason = "criterion's macros make public items")]
+#![allow(missing_docs, reason = "criterion's macros generate public items")]
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use pirouette::normalize::register::{ReferenceContourMap, RegisterOptions, regis
 use pirouette::normalize::{NormalizeOptions, normalize};
 use pirouette::scan::{StatureFrom, Subject};
 use pirouette::segment::{SegmentOptions, segment};
-use pirouette_bench::{Stages, far_outlines, find_skeleton};
+use pirouette_bench::{Stages, far_outlines, fit_shared_skeleton};
 use pirouette_geom::arap::{ArapOptions, ArapSolver};
 use pirouette_geom::contour::{trace_contours, trace_windowed};
 use pirouette_geom::distance_map::signed_distance;
@@ -26,8 +26,8 @@ use pirouette_geom::planar_mesh::{TriangulateOptions, triangulate};
 fn photos_to_silhouettes(c: &mut Criterion) {
     let stages = Stages::new();
     let (avatar, synthetic) = (&stages.avatar, &stages.synthetic);
-    c.bench_function("skeleton bundle", |b| {
-        b.iter(|| find_skeleton(avatar, synthetic));
+    c.bench_function("skeleton fit", |b| {
+        b.iter(|| fit_shared_skeleton(avatar, synthetic));
     });
     let views = stages.segment_views();
     let options = SegmentOptions::default();
@@ -101,7 +101,7 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
     let outlines = far_outlines(&still);
     let views = stages.carve_views(&outlines);
     let options = CarveOptions::default();
-    c.bench_function("carve outlines beside the figure", |b| {
+    c.bench_function("carve outlines next to the avatar", |b| {
         b.iter(|| carve_beside_avatar(&views, &skeleton.avatar, &options));
     });
 

@@ -1,11 +1,11 @@
-"""Times stages of pirouette beside other libraries' compiled code, and prints the ratios as Markdown.
+"""Compares the times of stages with compiled code of other libraries, and prints the ratios as Markdown.
 
     pip install -r benches/peers/requirements.txt
     cargo build --release -p pirouette-bench
     python benches/peers/compare.py [target/release/time-stages]
 
-Both sides get the same rendered photos, seeds, masks, points and meshes, take turns, run on one thread, and count
-with the best of all runs. What is converted for a library's sake is not timed. `bound` is what is aimed at.
+Both sides get the same rendered photos, seeds, masks, points and meshes, run alternately on one thread, and are
+rated by the best of all runs. Conversions for a library are not timed. `bound` is the intended ratio.
 """
 
 import json
@@ -45,7 +45,7 @@ def iou(a, b):
 
 
 class Peers:
-    """The same work by other libraries; checks once that it comes to the same"""
+    """The same work with other libraries; the results are compared once"""
 
     def __init__(self, folder):
         self.inputs = json.loads((folder / "inputs.json").read_text())
@@ -152,7 +152,7 @@ class Peers:
             return results
 
         ms, results = best_ms(3, work)
-        # Where obtuse triangles at the outline make a star turn around at rest, ours holds it and theirs does not.
+        # Where obtuse triangles at the outline flip a star at rest, ours preserves it and theirs does not.
         off = np.concatenate(
             [np.abs(found - mesh["ours"]).max(axis=1) for found, mesh in zip(results, self.held)]
         )
@@ -170,7 +170,7 @@ class Peers:
         def work():
             inside = np.broadcast_to((y >= 0)[None, :, None], counts).copy()
             for mask, turn in zip(self.still, scene["turns_radians"]):
-                # Turned about the y axis, seen by a level camera
+                # Rotation about the y axis, level camera
                 cos, sin = np.cos(turn), np.sin(turn)
                 across = cos * x[:, None] + sin * z[None, :]
                 depth = scene["distance_mm"] - (cos * z[None, :] - sin * x[:, None])
@@ -192,7 +192,7 @@ class Peers:
 
 
 def point_inside(polygon):
-    """A point inside a simple polygon: in its triangle of largest area"""
+    """Returns a point inside a simple polygon: the centroid of its largest triangle"""
     count = len(polygon)
     segments = [(i, (i + 1) % count) for i in range(count)]
     mesh = triangle.triangulate({"vertices": polygon, "segments": np.array(segments)}, "pQ")
@@ -201,7 +201,7 @@ def point_inside(polygon):
     return corners[np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).argmax()].mean(axis=0)
 
 
-# Stage, what it is called, the peer, its method, and how much faster we mean to be
+# Stage, its title, the peer, its method, and the intended speedup
 ROWS = [
     ("segment_together", "segmentation, all views together", "`cv2.grabCut`", Peers.grabcut, 8),
     ("segment_singly", "segmentation, each view by itself", "`cv2.grabCut`", Peers.grabcut, 8),

@@ -1,6 +1,6 @@
-//! What the benchmarks run on: one rendered person, and what each stage makes of the photos for the next.
+//! Input of the benchmarks: one rendered person, and the output of each stage as the input of the next.
 //!
-//! Everything follows from constants, so that two runs measure the same work.
+//! All inputs follow from constants, so that two runs measure the same work.
 
 use glam::DVec2;
 use pirouette::carve::{CarveError, CarveOptions, CarveView, carve};
@@ -25,22 +25,22 @@ use pirouette_geom::{Grid, Mask, TriMesh};
 use pirouette_synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
 use rayon::prelude::*;
 
-/// Columns and rows of the photos that the stages are timed on
+/// Columns and rows of the photos for timing the stages
 pub const PHOTO_SIZE_PX: (usize, usize) = (800, 1000);
 
-/// Views that the stages are timed on
+/// Number of views for timing the stages
 pub const VIEW_COUNT: usize = 8;
 
-/// Tolerance of the simplification of outlines before they are meshed, in px: that of the pipeline
+/// Tolerance of the simplification of outlines for meshing, in px, as in the pipeline
 const TOLERANCE_PX: f64 = 1.0;
 
-/// Distance of the points of an outline that registration compares, in px: that of the pipeline
+/// Distance of the outline points used by the registration, in px, as in the pipeline
 const OUTLINE_SPACING_PX: f64 = 2.0;
 
-/// Photographs a person of other build than the reference, swaying in a lived-in room
+/// Photographs a person with sway and of another build than the reference in a furnished room
 ///
 /// # Panics
-/// Never: the person is of usual stature and mass.
+/// Never: stature and mass of the person are ordinary.
 pub fn photograph(width_px: usize, height_px: usize, view_count: usize) -> SyntheticScan {
     let person = mannequin(&MannequinParameters {
         sex: Sex::Female,
@@ -48,7 +48,7 @@ pub fn photograph(width_px: usize, height_px: usize, view_count: usize) -> Synth
         mass_kg: Some(72.0),
         ..MannequinParameters::default()
     })
-    .expect("a usual stature and mass");
+    .expect("valid stature and mass");
     synthesize(
         &person,
         &SyntheticOptions {
@@ -65,44 +65,44 @@ pub fn photograph(width_px: usize, height_px: usize, view_count: usize) -> Synth
     )
 }
 
-/// A scan and what the stages made of it, up to silhouettes aligned as published
+/// A scan and the results of the stages, up to silhouettes aligned as published
 #[derive(Debug)]
 pub struct Stages {
-    /// Photos, keypoints, truth
+    /// Photos, keypoints, ground truth
     pub synthetic: SyntheticScan,
-    /// The reference figure
+    /// The reference avatar
     pub avatar: Avatar,
     /// One skeleton for all views
     pub skeleton: Skeleton,
-    /// The views as it explains them
+    /// The views as explained by the skeleton
     pub views: Vec<SkeletonView>,
-    /// Coverage of the figure posed like the person, per view
+    /// Coverage of the avatar in the pose of the person, per view
     pub priors: Vec<Mask>,
     /// The person in each photo
     pub silhouettes: Vec<Silhouette>,
-    /// The figure in the reference pose, per view
+    /// The avatar in the reference pose, per view
     pub references: Vec<ReferenceView>,
     /// Silhouettes after alignment (eq. 1), neither registered nor refined
     pub aligned: Vec<NormalizedView>,
 }
 
-/// Contours and points inside them, to be triangulated as they are
+/// Contours and points inside them, for triangulation without additional points
 #[derive(Debug)]
 pub struct PlanarPoints {
-    /// Closed outlines, holes turning the other way
+    /// Closed outlines, holes in the opposite orientation
     pub contours: Vec<Contour>,
-    /// Points inside, clear of the outlines
+    /// Interior points with a distance from the outlines
     pub interior: Vec<DVec2>,
 }
 
-/// A mesh with vertices to be moved
+/// A mesh with constrained vertices
 #[derive(Debug)]
 pub struct HeldMesh {
-    /// At rest
+    /// The rest mesh
     pub mesh: PlanarMesh,
-    /// Vertices to be moved
+    /// The constrained vertices
     pub constrained: Vec<u32>,
-    /// Where they go, in px
+    /// Target positions of the constrained vertices, in px
     pub targets: Vec<DVec2>,
 }
 
@@ -118,8 +118,8 @@ impl Stages {
             stature_mm: scan.stature_mm,
             ..MannequinParameters::default()
         })
-        .expect("a usual stature");
-        let (skeleton, views) = find_skeleton(&avatar, &synthetic);
+        .expect("valid stature");
+        let (skeleton, views) = fit_shared_skeleton(&avatar, &synthetic);
         let priors = render_priors(&skeleton.avatar, &views, &|| ());
         let silhouettes: Vec<Silhouette> = {
             let views = segment_views(&synthetic, &priors);
@@ -159,17 +159,17 @@ impl Stages {
         }
     }
 
-    /// What segmentation takes
+    /// Returns the input of the segmentation
     pub fn segment_views(&self) -> Vec<SegmentView<'_>> {
         segment_views(&self.synthetic, &self.priors)
     }
 
-    /// What normalization takes
+    /// Returns the input of the normalization
     pub fn normalize_view(&self, view: usize) -> NormalizeView<'_> {
         normalize_view(&self.silhouettes, &self.views, &self.references, view)
     }
 
-    /// Exact silhouettes of the person standing still
+    /// Returns the exact silhouettes of the person without sway
     pub fn still_silhouettes(&self) -> Vec<Grid<f32>> {
         let masks = self.synthetic.truth.canonical.iter();
         masks
@@ -177,7 +177,7 @@ impl Stages {
             .collect()
     }
 
-    /// What carving takes, by the true camera
+    /// Returns the input of carving, with the true camera
     pub fn carve_views<'a>(&self, outlines: &'a [OutlineMap]) -> Vec<CarveView<'a>> {
         let camera = self.synthetic.truth.camera;
         let views = self.synthetic.scan.views.iter();
@@ -192,16 +192,16 @@ impl Stages {
             .collect()
     }
 
-    /// Carves soft silhouettes of all views, from the making of their outline maps on
+    /// Carves soft silhouettes of all views, including the computation of their outline maps
     ///
     /// # Errors
-    /// As [`carve`].
+    /// Those of [`carve`].
     pub fn carve(&self, silhouettes: &[Grid<f32>]) -> Result<TriMesh, CarveError> {
         let outlines = far_outlines(silhouettes);
         carve(&self.carve_views(&outlines), &CarveOptions::default())
     }
 
-    /// Evenly spaced points of the aligned outline of a view, as registration takes them
+    /// Returns evenly spaced points of the aligned outline of a view, as input of the registration
     pub fn outline_points(&self, view: usize) -> Vec<DVec2> {
         trace_outline(&self.aligned[view].soft(), 0.5)
             .iter()
@@ -209,7 +209,7 @@ impl Stages {
             .collect()
     }
 
-    /// The outline of a view's silhouette, simplified as for meshing, and its handles
+    /// Returns the outline of a view's silhouette, simplified as for meshing, and its handles
     pub fn outline_with_handles(&self, view: usize) -> (Vec<Contour>, Handles) {
         let silhouette = &self.silhouettes[view];
         let soft = &silhouette.soft;
@@ -231,21 +231,21 @@ impl Stages {
         (simple.collect(), spread)
     }
 
-    /// The mesh of a view's silhouette with its handles
+    /// Returns the mesh of a view's silhouette with its handles
     ///
     /// # Panics
-    /// When the silhouette has no inside.
+    /// When the silhouette is empty.
     pub fn held_mesh(&self, view: usize) -> HeldMesh {
         let (contours, spread) = self.outline_with_handles(view);
         let meshed = triangulate(&contours, &spread.sources, &TriangulateOptions::default())
-            .expect("the silhouette has an inside");
+            .expect("the silhouette is not empty");
         let mut held: Vec<(u32, DVec2)> = meshed
             .interior_vertices
             .iter()
             .zip(&spread.targets)
             .filter_map(|(vertex, &target)| Some(((*vertex)?, target)))
             .collect();
-        // Handles that share a vertex count once.
+        // Handles that share a vertex are merged.
         held.sort_by_key(|&(vertex, _)| vertex);
         held.dedup_by_key(|&mut (vertex, _)| vertex);
         let (constrained, targets) = held.into_iter().unzip();
@@ -256,7 +256,7 @@ impl Stages {
         }
     }
 
-    /// The points of that mesh, to be triangulated again
+    /// Returns the points of that mesh, for triangulating them again
     pub fn planar_points(&self, view: usize) -> PlanarPoints {
         let mesh = self.held_mesh(view).mesh;
         let mut next: Vec<Option<u32>> = vec![None; mesh.positions.len()];
@@ -287,7 +287,7 @@ impl Stages {
         PlanarPoints { contours, interior }
     }
 
-    /// Where the person is, as found
+    /// Returns the masks found by the segmentation
     pub fn masks(&self) -> impl Iterator<Item = &Mask> {
         self.silhouettes.iter().map(|found| &found.mask)
     }
@@ -299,7 +299,7 @@ impl Default for Stages {
     }
 }
 
-/// Outline maps as carving takes them
+/// Computes the outline maps used by carving
 pub fn far_outlines(silhouettes: &[Grid<f32>]) -> Vec<OutlineMap> {
     let silhouettes = silhouettes.par_iter();
     silhouettes
@@ -307,11 +307,14 @@ pub fn far_outlines(silhouettes: &[Grid<f32>]) -> Vec<OutlineMap> {
         .collect()
 }
 
-/// The skeleton of all views
+/// Fits the skeleton of all views
 ///
 /// # Panics
-/// When the keypoints of the rendered person do not do.
-pub fn find_skeleton(avatar: &Avatar, synthetic: &SyntheticScan) -> (Skeleton, Vec<SkeletonView>) {
+/// When no skeleton fits the keypoints of the rendered person.
+pub fn fit_shared_skeleton(
+    avatar: &Avatar,
+    synthetic: &SyntheticScan,
+) -> (Skeleton, Vec<SkeletonView>) {
     let scan = &synthetic.scan;
     let views: Vec<KeypointView> = scan
         .views

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use pirouette_files::formats::mesh::{read_off, write_off};
 use pirouette_files::formats::points::parse_points;
-use pirouette_files::sink::write_whole;
+use pirouette_files::sink::write_atomic;
 use pirouette_geom::arap::{ArapOptions, deform_points};
 use serde_json::json;
 
@@ -31,7 +31,7 @@ pub fn run(args: &ArapArgs, output: Output) -> Result<()> {
     );
     let deformed = deform_points(&mesh, &source, &target, &ArapOptions::precise())
         .with_context(|| format!("cannot deform {}", args.mesh.display()))?;
-    write_whole(&args.out, &write_off(&deformed))?;
+    write_atomic(&args.out, &write_off(&deformed))?;
     output.done(
         &format!(
             "{}: {} vertices, {} moved to their targets",

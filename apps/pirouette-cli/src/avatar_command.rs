@@ -9,7 +9,7 @@ use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::{Avatar, ReferencePose, gltf, render};
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::formats::photo::{encode_mask, encode_photo_png};
-use pirouette_files::sink::write_whole;
+use pirouette_files::sink::write_atomic;
 use pirouette_geom::Mask;
 use pirouette_synthetic::SyntheticOptions;
 use serde_json::json;
@@ -29,7 +29,7 @@ pub fn run(args: &AvatarArgs, output: Output) -> Result<()> {
         Kind::Picture => picture(&avatar, TurnAngle::from_degrees(args.angle), args.shaded)?,
         Kind::Mesh(format) => format.write(&avatar),
     };
-    write_whole(&args.out, &bytes)?;
+    write_atomic(&args.out, &bytes)?;
     let (stature_mm, vertices) = (avatar.stature_mm(), avatar.mesh.positions.len());
     output.done(
         &format!(

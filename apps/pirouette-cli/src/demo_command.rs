@@ -13,7 +13,7 @@ use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::formats::photo::encode_mask;
 use pirouette_files::results::ResultOptions;
 use pirouette_files::scan_folder::write_scan;
-use pirouette_files::sink::{make_folder, write_whole};
+use pirouette_files::sink::{make_folder, write_atomic};
 use pirouette_synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
 use serde_json::{Map, Value, json};
 
@@ -115,10 +115,10 @@ fn write_truth(
     for (view, (silhouette, canonical)) in synthetic.scan.views.iter().zip(masks) {
         for (kind, mask) in [("mask", silhouette), ("canonical", canonical)] {
             let file = folder.join(format!("{}_{kind}.png", view.name));
-            write_whole(&file, &encode_mask(mask)?)?;
+            write_atomic(&file, &encode_mask(mask)?)?;
         }
     }
-    write_whole(
+    write_atomic(
         &folder.join("body.ply"),
         &MeshFormat::Ply.write(&truth.body),
     )?;
@@ -136,7 +136,7 @@ fn write_truth(
             "pitch_deg": camera.pitch_radians.to_degrees(),
         },
     });
-    write_whole(&folder.join("truth.json"), format!("{text:#}\n").as_bytes())?;
+    write_atomic(&folder.join("truth.json"), format!("{text:#}\n").as_bytes())?;
     Ok(())
 }
 

@@ -13,7 +13,7 @@ use pirouette_eval::{Step, StudyError};
 use pirouette_files::formats::charts::built_in_charts;
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::results::ResultOptions;
-use pirouette_files::sink::{make_folder, write_whole};
+use pirouette_files::sink::{make_folder, write_atomic};
 use serde_json::{Value, json};
 
 use crate::args::{
@@ -51,14 +51,14 @@ fn eval_published(
         effort: if args.quick {
             Effort::Quick
         } else {
-            Effort::Whole
+            Effort::Full
         },
         only: args.only.clone(),
         photos: args.photos.clone(),
     };
     let results = published::run(&options, cancel, &mut |step| show(progress, &step))?;
     if let Some(file) = &args.html {
-        write_whole(file, published::web_page(&results)?.as_bytes())?;
+        write_atomic(file, published::web_page(&results)?.as_bytes())?;
     }
     if let Some(file) = &args.markdown {
         let folder = file.with_extension("");
@@ -66,9 +66,9 @@ fn eval_published(
         let page = published::markdown(&results, &name)?;
         make_folder(&folder)?;
         for (name, bytes) in &page.pictures {
-            write_whole(&folder.join(name), bytes)?;
+            write_atomic(&folder.join(name), bytes)?;
         }
-        write_whole(file, page.text.as_bytes())?;
+        write_atomic(file, page.text.as_bytes())?;
     }
     let short = results.shortfalls();
     if args.check && !short.is_empty() {
@@ -147,7 +147,7 @@ fn eval_tapes(
             ("accuracy-views.svg", &study.views_svg),
             ("accuracy.md", &study.page),
         ] {
-            write_whole(&folder.join(name), text.as_bytes())?;
+            write_atomic(&folder.join(name), text.as_bytes())?;
         }
     }
     let text: Vec<String> = study.tables.iter().map(ToString::to_string).collect();

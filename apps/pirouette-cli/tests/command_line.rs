@@ -92,7 +92,7 @@ fn a_folder_that_is_missing_for_the_output_is_named() {
         .exits_with(1)
         .stderr();
     assert!(
-        error.contains("there is no folder") && error.contains("make it first"),
+        error.contains("there is no folder") && error.contains("create it first"),
         "{error}"
     );
 }

@@ -216,7 +216,7 @@ fn a_full_disk_is_one_clear_error_and_leaves_nothing_partial() {
     assert_eq!(output.status.code(), Some(1), "{error}");
     assert_eq!(error.lines().count(), 1, "{error}");
     assert!(
-        error.contains("cannot write") && error.contains("make room"),
+        error.contains("cannot write") && error.contains("free disk space"),
         "{error}"
     );
     assert_eq!(

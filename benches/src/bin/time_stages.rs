@@ -1,9 +1,9 @@
-//! Times stages on one thread, and writes what they were given and what they made of it.
+//! Times stages on one thread, and writes their inputs and results.
 //!
-//! `time-stages FOLDER` writes photos, seeds and masks as PNG and the rest to `inputs.json`, for other programs
-//! to do the same; it prints milliseconds per stage as one JSON object, the best of a few runs each.
+//! `time-stages FOLDER` writes photos, seeds and masks as PNG and other data to `inputs.json`, so that other programs
+//! can do the same work; it prints milliseconds per stage as one JSON object, the best of a few runs each.
 
-#![allow(clippy::print_stdout, reason = "the times are what it is for")]
+#![allow(clippy::print_stdout, reason = "the program prints the times")]
 
 use std::error::Error;
 use std::hint::black_box;
@@ -16,7 +16,7 @@ use pirouette::normalize::register::{ReferenceContourMap, RegisterOptions, regis
 use pirouette::segment::{SegmentOptions, Silhouette, segment};
 use pirouette_bench::{HeldMesh, PlanarPoints, Stages, VIEW_COUNT};
 use pirouette_files::formats::photo::{encode_mask, encode_photo_png};
-use pirouette_files::sink::{make_folder, write_whole};
+use pirouette_files::sink::{make_folder, write_atomic};
 use pirouette_geom::arap::{ArapOptions, ArapSolver, ArapStart, ArapWeights};
 use pirouette_geom::contour::trace_contours;
 use pirouette_geom::distance_map::{distance_to, signed_distance};
@@ -26,14 +26,14 @@ use serde_json::{Map, Value, json};
 
 type Failure = Box<dyn Error + Send + Sync>;
 
-/// Rounds of the deformation, none left out
+/// Fixed number of rounds of the deformation
 const ARAP: ArapOptions = ArapOptions {
     rounds: 20,
     tolerance: 0.0,
     start: ArapStart::Rest,
 };
 
-/// No points but those given
+/// No additional points
 const AS_GIVEN: TriangulateOptions = TriangulateOptions {
     max_area: None,
     clearance: 0.0,
@@ -53,7 +53,7 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// The shortest of some runs, in ms, and the last result
+/// Returns the shortest of some runs, in ms, and the last result
 fn best_ms<T>(runs: usize, mut work: impl FnMut() -> T) -> (f64, T) {
     let mut run = || {
         let start = Instant::now();
@@ -89,14 +89,14 @@ fn time(stages: &Stages, folder: &Path) -> Result<Map<String, Value>, Failure> {
         let truth = &stages.synthetic.truth.silhouettes;
         let ious = found.iter().zip(truth).map(|(f, t)| f.mask.iou(t));
         inputs.insert(format!("{name}_iou"), json!(ious.collect::<Vec<f64>>()));
-        // Both begin with the same seeds: those of the prior.
+        // Both variants start with the same seeds: those of the prior.
         for (view, found) in found.iter().enumerate().filter(|_| !options.single) {
             write_photo(stages, view, found, folder)?;
         }
     }
 
     let masks: Vec<&Mask> = stages.masks().collect();
-    // OpenCV measures to the nearest zero: of the person, to the background.
+    // OpenCV measures the distance to the nearest zero: from the person to the background.
     let outside: Vec<Mask> = masks
         .iter()
         .map(|mask| mask.map(|&inside| !inside))
@@ -179,7 +179,7 @@ fn time(stages: &Stages, folder: &Path) -> Result<Map<String, Value>, Failure> {
     let hull = hull?;
     for (view, mask) in stages.synthetic.truth.canonical.iter().enumerate() {
         let png = encode_mask(mask)?;
-        write_whole(&folder.join(format!("{view:03}_still.png")), &png)?;
+        write_atomic(&folder.join(format!("{view:03}_still.png")), &png)?;
     }
     let camera = stages.synthetic.truth.camera;
     let (low, high) = hull.bounds().ok_or("the hull is empty")?;
@@ -200,7 +200,7 @@ fn time(stages: &Stages, folder: &Path) -> Result<Map<String, Value>, Failure> {
         }),
     );
     let inputs = Value::Object(inputs).to_string();
-    write_whole(&folder.join("inputs.json"), inputs.as_bytes())?;
+    write_atomic(&folder.join("inputs.json"), inputs.as_bytes())?;
     Ok(times)
 }
 
@@ -208,7 +208,7 @@ fn coordinates(points: &[DVec2]) -> Vec<[f64; 2]> {
     points.iter().map(|p| p.to_array()).collect()
 }
 
-/// The photo, its seeds as gray levels 0 to 3, and the true silhouette
+/// Writes the photo, its seeds as gray levels 0 to 3, and the true silhouette
 fn write_photo(
     stages: &Stages,
     view: usize,
@@ -217,13 +217,13 @@ fn write_photo(
 ) -> Result<(), Failure> {
     let file = |kind: &str| folder.join(format!("{view:03}_{kind}.png"));
     let photo = &stages.synthetic.scan.views[view].photo;
-    write_whole(&file("photo"), &encode_photo_png(photo)?)?;
-    let seeds = found.seeds.as_ref().ok_or("the view was segmented")?;
+    write_atomic(&file("photo"), &encode_photo_png(photo)?)?;
+    let seeds = found.seeds.as_ref().ok_or("the view has no seeds")?;
     let gray = seeds.map(|&seed| [seed as u8; 3]);
-    write_whole(&file("seeds"), &encode_photo_png(&gray)?)?;
+    write_atomic(&file("seeds"), &encode_photo_png(&gray)?)?;
     let truth = &stages.synthetic.truth.silhouettes[view];
-    write_whole(&file("truth"), &encode_mask(truth)?)?;
+    write_atomic(&file("truth"), &encode_mask(truth)?)?;
     let mask = encode_mask(&stages.silhouettes[view].mask)?;
-    write_whole(&file("mask"), &mask)?;
+    write_atomic(&file("mask"), &mask)?;
     Ok(())
 }

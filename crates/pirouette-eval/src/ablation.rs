@@ -1,4 +1,4 @@
-//! What each part of the method is good for: the same people, with one part off at a time.
+//! Ablation study: the same people, with one part of the method disabled at a time.
 
 use pirouette::body_fit::BodyFitOptions;
 use pirouette::pipeline::{AvatarSource, CancelToken, Config, Goal, Method};
@@ -10,14 +10,14 @@ use serde_json::{Value, json};
 use crate::people::Person;
 use crate::table::{Cell, Table, mean};
 use crate::trial::{GIRTHS, Score, try_person};
-use crate::{StudyError, Tell, do_all};
+use crate::{OnStep, StudyError, do_all};
 
-/// What is studied
+/// Options of the study
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AblationOptions {
-    /// People, by seeds from 1
+    /// Number of people, with seeds from 1
     pub people: usize,
-    /// Photos of each
+    /// Number of photos per person
     pub views: usize,
 }
 
@@ -30,28 +30,28 @@ impl Default for AblationOptions {
     }
 }
 
-/// A part of the method that can be left out
+/// A part of the method that can be disabled
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
-    /// Nothing is left out
+    /// No part is disabled
     Nothing,
-    /// One body and skeleton for all views; without, the published steps view by view
+    /// One body and skeleton for all views; without it, the published steps for each view
     SharedSkeleton,
-    /// The background that all photos share
+    /// The background shared by all photos
     CleanPlate,
-    /// Borders in fractions of pixels
+    /// Subpixel borders of silhouettes
     Alpha,
-    /// Rounds that look far and bend stiffly; without, the last half of the rounds
+    /// Initial rounds with a large search distance and high stiffness; without it, the last half of the rounds
     WideStart,
-    /// Sex and mass of the start from the silhouettes; without, an average neutral figure
+    /// Sex and mass of the start estimated from the silhouettes; without it, an average neutral avatar
     ChosenStart,
-    /// Left and right alike
+    /// Left-right symmetry
     Symmetry,
-    /// Posture in the surface instead of in the poses
+    /// Mean posture in the surface instead of in the poses
     MeanPose,
-    /// Soles on the floor, crown at the stature
+    /// Soles fixed on the floor, crown at the stature
     Anchors,
-    /// The camera as an unknown of the fit; without, that of the skeleton
+    /// The camera as an unknown of the fit; without it, that of the skeleton
     Camera,
 }
 
@@ -84,7 +84,7 @@ impl Part {
         }
     }
 
-    /// The usual job without this part
+    /// Returns the default configuration without this part
     fn left_out(self, person: &Person) -> Config {
         let method = match self {
             Part::SharedSkeleton => Method::ThreeStep,
@@ -100,7 +100,7 @@ impl Part {
                 config.fit.rounds = rounds[rounds.len() / 2..].to_vec();
             }
             Part::ChosenStart => {
-                let stature_m = person.figure.stature_mm() / 1000.0;
+                let stature_m = person.avatar.stature_mm() / 1000.0;
                 config.avatar = AvatarSource::Mannequin {
                     sex: Sex::Neutral,
                     mass_kg: Some(DEFAULT_BMI * stature_m * stature_m),
@@ -115,27 +115,27 @@ impl Part {
     }
 }
 
-/// What the study found
+/// Results of the study
 #[derive(Debug, Clone)]
 pub struct AblationStudy {
-    /// A row for each part that was left out
+    /// A row for each disabled part
     pub table: Table,
-    /// Every person in every row, for programs
+    /// Every person in every row, as JSON
     pub people: Value,
 }
 
-/// Scans photographed people with one part of the method off at a time
+/// Scans photographed people with one part of the method disabled at a time
 ///
-/// Photos are rendered at noise 1. Overlaps: of silhouettes as photographed, and in the reference pose after the best shift
-/// of each. Surface and girths as in [`crate::bodies::study`]; without the shared skeleton the body is a visual hull,
-/// too large by nature.
+/// Photos are rendered at noise 1. Overlaps: of the segmented silhouettes, and in the reference pose after the best
+/// shift of each. Surface and girths as in [`crate::bodies::study`]; without the shared skeleton the body is a visual
+/// hull, which is systematically too large.
 ///
 /// # Errors
 /// When there are no people or views, or the study was cancelled.
 pub fn study(
     options: &AblationOptions,
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
 ) -> Result<AblationStudy, StudyError> {
     if options.people == 0 || options.views == 0 {
         return Err(StudyError::Nothing);
@@ -144,22 +144,22 @@ pub fn study(
         .into_par_iter()
         .filter_map(|seed| Person::new(seed).ok())
         .collect();
-    // Photos of one person serve all rows.
+    // Photos of one person are used for all rows.
     let scores: Vec<Vec<Score>> = {
         let jobs: Vec<(&Person, &[Part])> = people.iter().map(|p| (p, &Part::ALL[..])).collect();
-        do_all(&jobs, cancel, tell, |(person, parts)| {
+        do_all(&jobs, cancel, on_step, |(person, parts)| {
             let scan = person.photograph(options.views, 1.0, true);
             let scores: Vec<Score> = parts
                 .iter()
                 .map(|part| try_person(person, &scan, &part.left_out(person), cancel))
                 .collect();
-            let whole = scores.first().map(Score::describe).unwrap_or_default();
-            (scores, format!("{}: {whole}", person.describe()))
+            let complete = scores.first().map(Score::describe).unwrap_or_default();
+            (scores, format!("{}: {complete}", person.describe()))
         })?
     };
     let mut table = Table::new(
         format!(
-            "{} photographed people in {} views, one part left out",
+            "{} photographed people in {} views, one part disabled",
             people.len(),
             options.views
         ),
@@ -209,11 +209,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_part_that_is_left_out_changes_the_job() {
+    fn every_disabled_part_changes_the_configuration() {
         let person = Person::new(1).unwrap();
-        let whole = Part::Nothing.left_out(&person);
+        let complete = Part::Nothing.left_out(&person);
         for part in &Part::ALL[1..] {
-            assert_ne!(part.left_out(&person), whole, "{part:?}");
+            assert_ne!(part.left_out(&person), complete, "{part:?}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Bodies of random people: how far the surface is off, by the number of views and by the noise.
+//! Bodies of random people: surface errors by number of views and by noise.
 
 use pirouette::pipeline::{CancelToken, Config, Goal, Method};
 use rayon::prelude::*;
@@ -7,25 +7,25 @@ use serde_json::{Value, json};
 use crate::people::Person;
 use crate::table::{Cell, Table, mean};
 use crate::trial::{GIRTHS, Part, Score, try_person};
-use crate::{StudyError, Tell, do_all};
+use crate::{OnStep, StudyError, do_all};
 
-/// No person's body should be farther off than this on average, in mm
+/// Goal: largest mean error of the body of a person, in mm
 pub const GOAL_MM: f64 = 7.0;
 
-/// What is studied
+/// Options of the study
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodiesOptions {
-    /// People whose exact silhouettes are given, by seeds from 1
+    /// Number of people with exact silhouettes, with seeds from 1
     pub people: usize,
-    /// People who are photographed and segmented, in [`PHOTO_VIEWS`] views at noise 1, by seeds from 1
+    /// Number of people who are photographed and segmented, in [`PHOTO_VIEWS`] views at noise 1, with seeds from 1
     pub photo_people: usize,
     /// Numbers of views, each at the noise nearest to 1
     pub views: Vec<usize>,
-    /// Scales of the errors of keypoints and turn angles, each at the number of views nearest to 8
+    /// Factors on the errors of keypoints and turn angles, each at the number of views nearest to 8
     pub noise: Vec<f64>,
 }
 
-/// Views of photographed people
+/// Number of views of photographed people
 pub const PHOTO_VIEWS: usize = 8;
 
 impl Default for BodiesOptions {
@@ -40,7 +40,7 @@ impl Default for BodiesOptions {
 }
 
 impl BodiesOptions {
-    /// Few people in few views: a look, no study
+    /// Returns options for a quick run: few people in few views
     pub fn quick() -> Self {
         Self {
             people: 6,
@@ -84,7 +84,7 @@ impl BodiesOptions {
     }
 }
 
-/// What makes a row of the table
+/// The condition of a row of the table
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Condition {
     views: usize,
@@ -93,29 +93,29 @@ struct Condition {
     people: usize,
 }
 
-/// What the study found
+/// Results of the study
 #[derive(Debug, Clone)]
 pub struct BodiesStudy {
     /// Surface and girths, a row for each condition
     pub errors: Table,
     /// Surface by parts of the body, a row for each condition
     pub parts: Table,
-    /// Every person of every condition, for programs
+    /// Every person of every condition, as JSON
     pub people: Value,
 }
 
 /// Scans random people in all conditions
 ///
-/// Surface: mean distance between found and true body in the reference pose, both ways, after a shift and a turn about
-/// the vertical; mean over people, mean of their 95th percentiles, and the person whose mean is largest. Girths: measured
-/// over true tape length, mean and standard deviation over people.
+/// Surface: mean distance between the reconstructed and the true body in the reference pose, in both directions, after
+/// a shift and a turn about the vertical; mean over people, mean of their 95th percentiles, and the largest mean of a
+/// person. Girths: error relative to the true tape length, mean and standard deviation over people.
 ///
 /// # Errors
 /// When there are no people or views, or the study was cancelled.
 pub fn study(
     options: &BodiesOptions,
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
 ) -> Result<BodiesStudy, StudyError> {
     let conditions = options.conditions();
     let most = conditions.iter().map(|c| c.people).max();
@@ -129,7 +129,7 @@ pub fn study(
         jobs.extend(people.map(|person| (*condition, person)));
     }
     let config = Config::new(Goal::Measure, Method::Fit);
-    let scores: Vec<Score> = do_all(&jobs, cancel, tell, |(condition, person)| {
+    let scores: Vec<Score> = do_all(&jobs, cancel, on_step, |(condition, person)| {
         let scan = person.photograph(condition.views, condition.noise, condition.photos);
         let score = try_person(person, &scan, &config, cancel);
         let text = format!(
@@ -231,7 +231,7 @@ fn tables(conditions: &[Condition], found: &[Found]) -> BodiesStudy {
     }
 }
 
-/// Who is farthest off
+/// Returns the person with the largest error
 fn worst<'a>(found: impl Iterator<Item = &'a Found<'a>>) -> Option<&'a Found<'a>> {
     found.filter(|f| f.score.mean_mm.is_some()).max_by(|a, b| {
         f64::total_cmp(
@@ -242,16 +242,16 @@ fn worst<'a>(found: impl Iterator<Item = &'a Found<'a>>) -> Option<&'a Found<'a>
 }
 
 fn goal_note(worst: Option<&Found>) -> String {
-    let goal = format!("goal: nobody worse than {GOAL_MM} mm");
+    let goal = format!("goal: at most {GOAL_MM} mm for each person");
     match worst.and_then(|f| Some((f, f.score.mean_mm?))) {
         Some((f, mean_mm)) => format!(
-            "{goal}; {}: {} is {mean_mm:.2} mm off in {} views at noise {}",
+            "{goal}; {}: {} has an error of {mean_mm:.2} mm in {} views at noise {}",
             if mean_mm <= GOAL_MM { "met" } else { "missed" },
             f.person.describe(),
             f.condition.views,
             f.condition.noise
         ),
-        None => format!("{goal}; nobody has a body"),
+        None => format!("{goal}; no body was reconstructed"),
     }
 }
 
@@ -260,7 +260,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn views_vary_at_the_usual_noise_and_noise_at_eight_views() {
+    fn views_vary_at_noise_1_and_noise_at_eight_views() {
         let options = BodiesOptions {
             people: 3,
             photo_people: 0,
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_makes_no_table() {
+    fn no_people_give_no_table() {
         let options = BodiesOptions {
             people: 0,
             photo_people: 0,

@@ -1,8 +1,9 @@
-//! Scores of result folders and of single photos against the truth in a folder.
+//! Scores of result folders and of single photos against ground truth in a folder.
 //!
-//! A folder with truth holds, beside the photos, `truth/<stem>_mask.png` (the person in the photo), and perhaps
-//! `truth/<stem>_canonical.png` (the person standing still in the reference pose, turned alike), `truth/body.ply` (the
-//! body in the reference pose, mm) and `truth/truth.json` (`measurements_mm`). What truth or result lack is left out.
+//! A folder with ground truth contains, next to the photos, `truth/<stem>_mask.png` (the person in the photo), and
+//! optionally `truth/<stem>_canonical.png` (the person in the reference pose without sway, at the same turn angle),
+//! `truth/body.ply` (the body in the reference pose, mm) and `truth/truth.json` (`measurements_mm`). Scores with
+//! missing input are omitted.
 
 use std::fs;
 use std::io;
@@ -22,27 +23,27 @@ use crate::score::girth::trunk_girth;
 use crate::score::masks::{best_shift_iou, halved};
 use crate::score::surface::surface_error;
 use crate::table::{Cell, Table, mean, percentile};
-use crate::{StudyError, Tell, do_all};
+use crate::{OnStep, StudyError, do_all};
 
 /// Why a folder has no score
 #[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum ScoreError {
     #[error(
-        "{} has no folder truth with masks named <photo>_mask.png, nor has a folder in it",
+        "{} has no folder truth with masks named <photo>_mask.png, and neither has any folder in it",
         path.display()
     )]
     NoTruth { path: PathBuf },
     #[error("cannot read {}", path.display())]
     Read { path: PathBuf, source: io::Error },
-    #[error("{} is no mask", path.display())]
+    #[error("{} is not a mask", path.display())]
     Mask { path: PathBuf, source: PhotoError },
-    #[error("{} is no mesh", path.display())]
+    #[error("{} is not a mesh", path.display())]
     Mesh {
         path: PathBuf,
         source: ReadMeshError,
     },
-    #[error("{} is no JSON", path.display())]
+    #[error("{} is not JSON", path.display())]
     Json {
         path: PathBuf,
         source: serde_json::Error,
@@ -63,13 +64,13 @@ pub struct ScanScore {
 }
 
 impl ScanScore {
-    /// One value by its name
+    /// Returns one value by its name
     pub fn get(&self, name: &str) -> Option<f64> {
         let entry = self.values.iter().find(|(n, _)| n == name);
         entry.map(|(_, value)| *value)
     }
 
-    /// All values, rounded to four decimals, by name
+    /// Returns all values by name, rounded to four decimals
     pub fn to_json(&self) -> Value {
         let mut object = Map::new();
         object.insert("scan".into(), json!(self.scan));
@@ -80,10 +81,10 @@ impl ScanScore {
     }
 }
 
-/// The folders that hold truth: each given one, or else the folders in it, by name
+/// Finds the folders with ground truth: each given folder, or otherwise its subfolders, by name
 ///
 /// # Errors
-/// When there is none, or a folder cannot be read.
+/// When there are none, or a folder cannot be read.
 pub fn with_truth(folders: &[PathBuf]) -> Result<Vec<PathBuf>, ScoreError> {
     let mut all = Vec::new();
     for folder in folders {
@@ -105,7 +106,7 @@ pub fn with_truth(folders: &[PathBuf]) -> Result<Vec<PathBuf>, ScoreError> {
     Ok(all)
 }
 
-/// What a folder is called in tables
+/// Returns the name of a folder for tables
 pub fn name_of(folder: &Path) -> String {
     let full = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
     let name = full.file_name().unwrap_or(full.as_os_str());
@@ -114,18 +115,18 @@ pub fn name_of(folder: &Path) -> String {
 
 /// Scores a result folder against the truth of its scan
 ///
-/// - `seg_iou`, `seg_worst`: overlap of `mask.png` with the true silhouettes, mean and worst; a view without a mask
-///   counts as 0
-/// - `norm_iou`, `norm_iou_1`: of `normalized.png` with the silhouettes of the person standing still, after the best shift
-///   of each view, and after one shift for all (they must agree to be carved)
-/// - `raw_iou`, `raw_iou_1`: the same of the true silhouettes as photographed, what doing nothing would give
+/// - `seg_iou`, `seg_worst`: overlap of `mask.png` with the true silhouettes, mean and worst; 0 for a view without a
+///   mask
+/// - `norm_iou`, `norm_iou_1`: overlap of `normalized.png` with the silhouettes of the person without sway, after the
+///   best shift of each view, and after one shift for all (carving requires consistent views)
+/// - `raw_iou`, `raw_iou_1`: the same for the true silhouettes in the photos, as a baseline
 /// - `hull_mean_mm`, `hull_p95_mm`: surface error of the body
-/// - `hull_volume_ratio`, `hull_stature_mm`: its volume over the true one, its height
+/// - `hull_volume_ratio`, `hull_stature_mm`: its volume relative to the true one, its height
 /// - `girth_*_pct`: girths of the body at the true heights, error in percent
-/// - `measure_*_mm`: measurements minus the truth
+/// - `measure_*_mm`: measurements minus the true values
 ///
 /// # Errors
-/// When there are no true masks, or a file that is there cannot be read.
+/// When there are no true masks, or an existing file cannot be read.
 pub fn score_scan(scan: &Path, result: &Path) -> Result<ScanScore, ScoreError> {
     let stems = stems(scan)?;
     let mut score = ScanScore {
@@ -186,7 +187,7 @@ fn score_masks(
         return Ok(());
     }
     for (name, masks) in [("norm", &normalized), ("raw", &truth)] {
-        // A lost view is an empty mask.
+        // A rejected view is scored as an empty mask.
         let pairs: Vec<(Mask, Mask)> = masks
             .iter()
             .zip(&canonical)
@@ -206,7 +207,7 @@ fn score_masks(
     Ok(())
 }
 
-/// Overlap of two masks; 0 when one is missing or of another size
+/// Returns the overlap of two masks; 0 if one is missing or their sizes differ
 fn overlap(found: &Option<Mask>, truth: &Option<Mask>) -> f64 {
     match (found, truth) {
         (Some(found), Some(truth)) if found.same_size(truth) => found.iou(truth),
@@ -248,11 +249,11 @@ fn score_body(
     Ok(())
 }
 
-/// Scores as a table: a row for each score, a column for each scan
+/// Returns the scores as a table: a row for each score, a column for each scan
 pub fn scan_table(scores: &[ScanScore]) -> Table {
     let mut columns = vec!["score"];
     columns.extend(scores.iter().map(|score| score.scan.as_str()));
-    let mut table = Table::new("results against truth", &columns);
+    let mut table = Table::new("results against ground truth", &columns);
     let mut names: Vec<&str> = Vec::new();
     for (name, _) in scores.iter().flat_map(|score| &score.values) {
         if !names.contains(&name.as_str()) {
@@ -277,20 +278,20 @@ pub fn scan_table(scores: &[ScanScore]) -> Table {
 pub struct PhotoScore {
     /// Folder and stem of the photo
     pub photo: String,
-    /// Intersection over union; 0 when no silhouette was found
+    /// Intersection over union; 0 without a silhouette
     pub iou: f64,
 }
 
-/// Segments single photos, each for itself, and scores them
+/// Segments photos independently and scores them
 ///
-/// Every photo of the folders that has a true mask counts, also those that cannot be used.
+/// Includes every photo of the folders that has a true mask, also unusable ones.
 ///
 /// # Errors
-/// When a folder or its truth cannot be read, or the job was cancelled.
+/// When a folder or its ground truth cannot be read, or the job was cancelled.
 pub fn score_photos(
     folders: &[PathBuf],
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
 ) -> Result<Vec<PhotoScore>, ScoreError> {
     let mut jobs: Vec<(PathBuf, String)> = Vec::new();
     for folder in folders {
@@ -300,7 +301,7 @@ pub fn score_photos(
                 .map(|stem| (folder.clone(), stem)),
         );
     }
-    let scores = do_all(&jobs, cancel, tell, |(folder, stem)| {
+    let scores = do_all(&jobs, cancel, on_step, |(folder, stem)| {
         let photo = match name_of(folder) {
             name if jobs.iter().filter(|(f, _)| f == folder).count() > 1 => {
                 format!("{name}/{stem}")
@@ -320,7 +321,7 @@ pub fn score_photos(
     scores.into_iter().collect()
 }
 
-/// Overlap of one photo's silhouette with the truth, or why there is none
+/// Returns the overlap of one photo's silhouette with the true one, or why there is none
 fn segment_photo(
     folder: &Path,
     stem: &str,
@@ -344,17 +345,17 @@ fn segment_photo(
             if silhouette.mask.same_size(&truth) {
                 return silhouette.mask.iou(&truth);
             }
-            // The photo was shrunk.
+            // The photo was shrunk on loading.
             let soft = resample(&silhouette.soft.whole(), truth.width(), truth.height());
             soft.threshold(0.5).iou(&truth)
         })
     }))
 }
 
-/// Median, mean and 10th percentile of the overlaps
+/// Returns median, mean and 10th percentile of the overlaps
 pub fn photo_table(scores: &[PhotoScore]) -> Table {
     let mut table = Table::new(
-        "silhouettes of single photos against truth, intersection over union",
+        "silhouettes of single photos against ground truth, intersection over union",
         &["photos", "median", "mean", "p10"],
     );
     let values: Vec<f64> = scores.iter().map(|score| score.iou).collect();
@@ -372,7 +373,7 @@ pub fn photo_table(scores: &[PhotoScore]) -> Table {
     table
 }
 
-/// The views that have a true mask, by name
+/// Returns the names of the views that have a true mask, sorted
 fn stems(folder: &Path) -> Result<Vec<String>, ScoreError> {
     let truth = folder.join("truth");
     let no_truth = || ScoreError::NoTruth {
@@ -393,7 +394,7 @@ fn stems(folder: &Path) -> Result<Vec<String>, ScoreError> {
     Ok(stems)
 }
 
-/// What is in a folder, by name
+/// Lists a folder, sorted by name
 fn list(folder: &Path) -> Result<Vec<PathBuf>, ScoreError> {
     let failed = |source| ScoreError::Read {
         path: folder.to_owned(),
@@ -408,7 +409,7 @@ fn list(folder: &Path) -> Result<Vec<PathBuf>, ScoreError> {
     Ok(paths)
 }
 
-/// The bytes of a file; `None` when there is none
+/// Reads a file; `None` if it does not exist
 fn read(path: &Path) -> Result<Option<Vec<u8>>, ScoreError> {
     match fs::read(path) {
         Ok(bytes) => Ok(Some(bytes)),
@@ -431,7 +432,7 @@ fn read_mask(path: &Path) -> Result<Option<Mask>, ScoreError> {
     Ok(Some(mask))
 }
 
-/// `body` in the first format that is there
+/// Reads `body` in the first available format
 fn read_body(folder: &Path) -> Result<Option<TriMesh>, ScoreError> {
     type Reader = fn(&[u8]) -> Result<TriMesh, ReadMeshError>;
     let readers: [(&str, Reader); 3] = [
@@ -449,7 +450,7 @@ fn read_body(folder: &Path) -> Result<Option<TriMesh>, ScoreError> {
     Ok(None)
 }
 
-/// The numbers in `measurements_mm` of a file; none without the file
+/// Reads the numbers in `measurements_mm` of a file; empty if it does not exist
 fn measures(path: &Path) -> Result<Vec<(String, f64)>, ScoreError> {
     let Some(bytes) = read(path)? else {
         return Ok(Vec::new());

@@ -1,9 +1,9 @@
-//! How accurate pirouette is: studies on rendered people, and scores of results against truth.
+//! Evaluation of accuracy: studies on rendered people, and scores of results against ground truth.
 //!
-//! Every table is a function with fixed seeds: [`bodies::study`], [`tapes::study`], [`ablation::study`],
-//! [`folders::score_scan`], [`folders::score_photos`], and the experiments of [`published::run`]. The definitions of the
-//! scores are in [`score`]. Rendered people are not people: studies
-//! find what is weak and what a change does, they are no claim about photos of anybody.
+//! Every table is computed by a function with fixed seeds: [`bodies::study`], [`tapes::study`], [`ablation::study`],
+//! [`folders::score_scan`], [`folders::score_photos`], and the experiments of [`published::run`]. The scores are
+//! defined in [`score`]. Rendered people differ from real ones: the studies locate weaknesses and measure the effect of
+//! changes; they do not measure the accuracy on photos of real people.
 
 pub mod ablation;
 pub mod bodies;
@@ -23,43 +23,43 @@ use pirouette::pipeline::CancelToken;
 
 pub use table::Table;
 
-/// What a running study tells: how many of its jobs are done, and what the last one found
+/// Progress of a study: the number of finished jobs, and the result of the last one
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Step {
-    /// Jobs that are done
+    /// Number of finished jobs
     pub done: usize,
-    /// All jobs
+    /// Number of all jobs
     pub total: usize,
-    /// What was found
+    /// Result of the last job
     pub text: String,
 }
 
-/// Hears of steps, one at a time but from any thread
-pub type Tell<'a> = dyn FnMut(Step) + Send + 'a;
+/// Receives progress; calls are serialized but may come from any thread
+pub type OnStep<'a> = dyn FnMut(Step) + Send + 'a;
 
 /// Why a study has no table
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum StudyError {
-    /// Asked to stop
+    /// Cancellation was requested
     #[error("cancelled")]
     Cancelled,
-    /// There is nothing to average
-    #[error("no people and no views, no table; give at least one of each")]
+    /// No people or no views
+    #[error("the study has no people or no views; provide at least one of each")]
     Nothing,
 }
 
-/// Does all jobs on the threads of the current pool; results come back in the order of the jobs
+/// Runs all jobs on the threads of the current pool and returns the results in the order of the jobs
 ///
-/// Each thread has one job at a time (a plain parallel loop would begin others while it waits for parts of the
-/// first, and pile up the memory of all).
+/// Each thread runs one job at a time. (A plain parallel loop would start further jobs while waiting for parts of the
+/// first, and hold the memory of all of them.)
 fn do_all<J: Sync, T: Send>(
     jobs: &[J],
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
     work: impl Fn(&J) -> (T, String) + Sync,
 ) -> Result<Vec<T>, StudyError> {
     let next = AtomicUsize::new(0);
-    let told = Mutex::new((0, tell));
+    let progress = Mutex::new((0, on_step));
     let lists = rayon::broadcast(|_| {
         let mut found = Vec::new();
         loop {
@@ -69,9 +69,9 @@ fn do_all<J: Sync, T: Send>(
             };
             let (result, text) = work(job);
             found.push((at, result));
-            let (done, tell) = &mut *told.lock().unwrap_or_else(PoisonError::into_inner);
+            let (done, on_step) = &mut *progress.lock().unwrap_or_else(PoisonError::into_inner);
             *done += 1;
-            tell(Step {
+            on_step(Step {
                 done: *done,
                 total: jobs.len(),
                 text,
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_come_in_the_order_of_the_jobs_and_every_job_is_told() {
+    fn results_are_in_the_order_of_the_jobs_and_every_job_is_reported() {
         let jobs: Vec<usize> = (0..50).collect();
         let mut steps = Vec::new();
         let found = do_all(

@@ -1,9 +1,9 @@
 //! Random people with known truth.
 //!
-//! A person is a mannequin of random sex, stature and mass whose surface is displaced by a random smooth field of its own:
-//! no mannequin has that shape, so that a fit which starts from one has something to find. Field, bones and
-//! keypoints move together. Left and right differ a little. And nobody stands like the mannequin: back, neck and legs are
-//! held in a way of the person's own, about which the person sways.
+//! A person is a mannequin of random sex, stature and mass whose surface is displaced by a separate random smooth
+//! field. No mannequin has that shape, so a fit that starts from a mannequin has to change it. Surface, bones and
+//! keypoints are displaced consistently. Left and right differ slightly. The posture of back, neck and legs differs
+//! from that of the mannequin, too; the person sways about this posture.
 
 use std::f64::consts::TAU;
 
@@ -16,30 +16,30 @@ use pirouette_synthetic::{
     Clutter, Random, SyntheticOptions, SyntheticScan, synthesize, with_posture,
 };
 
-/// Body mass indices of the people, evenly spread, in kg/m²
+/// Body mass indices of the people, uniformly distributed, in kg/m²
 pub const BMI_RANGE: [f64; 2] = [17.0, 38.0];
 
 /// Standard deviation of the stature within a sex, in mm
 const STATURE_SD_MM: f64 = 65.0;
 
-/// Statures are at most so many standard deviations from the mean
+/// Largest deviation of a stature from the mean, in standard deviations
 const MAX_STATURE_DEVIATION: f64 = 2.2;
 
-/// Displacements that 99 % of a person's vertices stay below, evenly spread, in mm
+/// 99th percentile of a person's displacements, uniformly distributed, in mm
 const DISPLACEMENT_MM: [f64; 2] = [5.0, 15.0];
 
-/// Wave lengths of the displacements, in mm
+/// Wavelengths of the displacements, in mm
 ///
-/// Shorter waves would be folds, longer ones shift the body as a whole.
+/// Shorter waves would cause folds, longer ones shift the complete body.
 const WAVE_LENGTH_MM: [f64; 2] = [300.0, 1200.0];
 
-/// Waves in one field
+/// Number of waves in one field
 const WAVE_COUNT: usize = 16;
 
 /// Share of the field that differs between left and right
 const LOPSIDED: f64 = 0.15;
 
-/// Displacements up and down fade out below this height, so that soles stay flat, in mm
+/// Vertical displacements fade out below this height, so that soles remain flat, in mm
 const SOLE_FADE_MM: f64 = 120.0;
 
 /// Standard deviations of the bends of back, neck and head, in degrees
@@ -50,11 +50,11 @@ const POSTURE_DEGREES: [(Bone, f64); 4] = [
     (Bone::Head, 3.0),
 ];
 
-/// ... of both hips, of both knees
+/// Standard deviation of the bends of both hips and of both knees
 const HIP_DEGREES: f64 = 1.5;
 const KNEE_DEGREES: f64 = 1.5;
 
-/// ... by which each leg stands farther apart
+/// Standard deviation of the angle by which each leg stands farther apart
 const APART_DEGREES: f64 = 1.5;
 
 /// Columns and rows of the photos
@@ -63,7 +63,7 @@ const PHOTO_SIZE_PX: (usize, usize) = (800, 1000);
 /// Noise of the keypoints at noise 1, in px at a stature of 800 px
 pub const KEYPOINT_NOISE_PX: f64 = 3.0;
 
-/// Error of the turn angles at noise 1, in degrees; bodies that sway turn about 3 degrees besides
+/// Error of the turn angles at noise 1, in degrees; sway adds turns of about 3 degrees
 pub const TURN_NOISE_DEGREES: f64 = 2.0;
 
 /// Noise of the sensor, in gray levels
@@ -72,21 +72,21 @@ const SENSOR_NOISE: f64 = 2.0;
 /// A random person
 #[derive(Debug, Clone)]
 pub struct Person {
-    /// What the person is made from
+    /// Seed of all random values
     pub seed: u64,
-    /// Whose proportions the mannequin had
+    /// Sex that determines the proportions of the mannequin
     pub sex: Sex,
     /// Body mass index of the mannequin, in kg/m²
     pub bmi: f64,
     /// The body with its bones
-    pub figure: Avatar,
+    pub avatar: Avatar,
 }
 
 impl Person {
-    /// The person of a seed: women have even seeds, men odd ones
+    /// Creates the person of a seed: women have even seeds, men odd ones
     ///
     /// # Errors
-    /// When there is no such mannequin; that would be a fault of the mannequin.
+    /// When the mannequin cannot be built, which would be a defect of the mannequin.
     pub fn new(seed: u64) -> Result<Self, MannequinError> {
         let random = &mut Random::new(seed.wrapping_mul(0x9e6c_63d0_676a_9a99) ^ 0x7e09_1e5a);
         let sex = if seed.is_multiple_of(2) {
@@ -99,33 +99,33 @@ impl Person {
             .clamp(-MAX_STATURE_DEVIATION, MAX_STATURE_DEVIATION);
         let stature_mm = sex.mean_stature_mm() + STATURE_SD_MM * deviation;
         let bmi = random.between(BMI_RANGE[0], BMI_RANGE[1]);
-        let mut figure = mannequin(&MannequinParameters {
+        let mut avatar = mannequin(&MannequinParameters {
             sex,
             stature_mm: Some(stature_mm),
             mass_kg: Some(bmi * (stature_mm / 1000.0).powi(2)),
             ..MannequinParameters::default()
         })?;
-        displace(&mut figure, random);
-        let figure = with_posture(&figure, &posture(random));
+        displace(&mut avatar, random);
+        let avatar = with_posture(&avatar, &posture(random));
         Ok(Self {
             seed,
             sex,
             bmi,
-            figure,
+            avatar,
         })
     }
 
-    /// Photographs the person with the usual sway; `noise` scales the errors of keypoints and turn angles
+    /// Photographs the person with default sway; `noise` scales the errors of keypoints and turn angles
     ///
-    /// Without `photos`, the exact silhouettes are given as masks.
+    /// Without `photos`, the exact silhouettes are provided as masks.
     pub fn photograph(&self, view_count: usize, noise: f64, photos: bool) -> SyntheticScan {
         let (width_px, height_px) = PHOTO_SIZE_PX;
         synthesize(
-            &self.figure,
+            &self.avatar,
             &SyntheticOptions {
                 seed: self.seed,
                 turns: SyntheticOptions::even_turns(view_count),
-                camera: SyntheticOptions::camera_for(self.figure.stature_mm(), width_px, height_px),
+                camera: SyntheticOptions::camera_for(self.avatar.stature_mm(), width_px, height_px),
                 sway: 1.0,
                 keypoint_noise_px: KEYPOINT_NOISE_PX * noise,
                 turn_noise_radians: (TURN_NOISE_DEGREES * noise).to_radians(),
@@ -136,13 +136,13 @@ impl Person {
         )
     }
 
-    /// The person in a few words
+    /// Describes the person in a few words
     pub fn describe(&self) -> String {
         format!(
             "person {} ({}, {:.0} mm, BMI {:.0})",
             self.seed,
             self.sex.name(),
-            self.figure.stature_mm(),
+            self.avatar.stature_mm(),
             self.bmi
         )
     }
@@ -186,7 +186,7 @@ impl Field {
             .sum()
     }
 
-    /// Nearly the same on both sides
+    /// Evaluates the field, nearly symmetrically
     fn balanced(&self, point: DVec3) -> DVec3 {
         let mirror = DVec3::new(-1.0, 1.0, 1.0);
         let (own, other) = (self.at(point), self.at(point * mirror) * mirror);
@@ -197,10 +197,10 @@ impl Field {
 }
 
 /// Displaces surface, bones and keypoints by one random field
-fn displace(figure: &mut Avatar, random: &mut Random) {
+fn displace(avatar: &mut Avatar, random: &mut Random) {
     let size_mm = random.between(DISPLACEMENT_MM[0], DISPLACEMENT_MM[1]);
     let field = Field::new(random);
-    let lengths: Vec<f64> = figure
+    let lengths: Vec<f64> = avatar
         .mesh
         .positions
         .iter()
@@ -210,18 +210,18 @@ fn displace(figure: &mut Avatar, random: &mut Random) {
         Some(large) if large > 0.0 => size_mm / large,
         _ => return,
     };
-    let points = figure
+    let points = avatar
         .mesh
         .positions
         .iter_mut()
-        .chain(&mut figure.bone_heads)
-        .chain(&mut figure.keypoints);
+        .chain(&mut avatar.bone_heads)
+        .chain(&mut avatar.keypoints);
     for point in points {
         *point += field.balanced(*point) * scale;
     }
 }
 
-/// How a person stands, alike on both sides: bends about the x axis, legs apart; soles stay level
+/// Returns a symmetric posture: bends about the x axis, legs apart; soles remain level
 fn posture(random: &mut Random) -> Vec<(Bone, DVec3)> {
     let mut bend = |sd_degrees: f64| {
         let deviation = random.normal().clamp(-2.0, 2.0);
@@ -249,26 +249,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_seed_is_one_person_and_another_seed_another() {
+    fn seeds_determine_the_person() {
         let [a, b, c] = [4, 4, 5].map(|seed| Person::new(seed).unwrap());
-        assert_eq!(a.figure.mesh, b.figure.mesh);
+        assert_eq!(a.avatar.mesh, b.avatar.mesh);
         assert_eq!((a.sex, c.sex), (Sex::Female, Sex::Male));
-        a.figure.mesh.check().unwrap();
-        a.figure.check().unwrap();
+        a.avatar.mesh.check().unwrap();
+        a.avatar.check().unwrap();
         assert!((BMI_RANGE[0]..BMI_RANGE[1]).contains(&a.bmi));
     }
 
     #[test]
-    fn people_are_no_mannequins_but_nearly_symmetric() {
+    fn people_differ_from_mannequins_and_are_nearly_symmetric() {
         let person = Person::new(6).unwrap();
         let plain = mannequin(&MannequinParameters {
             sex: person.sex,
-            stature_mm: Some(person.figure.stature_mm()),
-            mass_kg: Some(person.bmi * (person.figure.stature_mm() / 1000.0).powi(2)),
+            stature_mm: Some(person.avatar.stature_mm()),
+            mass_kg: Some(person.bmi * (person.avatar.stature_mm() / 1000.0).powi(2)),
             ..MannequinParameters::default()
         })
         .unwrap();
-        let error = crate::score::surface::surface_error(&plain.mesh, &person.figure.mesh).unwrap();
+        let error = crate::score::surface::surface_error(&plain.mesh, &person.avatar.mesh).unwrap();
         assert!(
             error.mean_mm > 1.0 && error.mean_mm < 15.0,
             "{}",
@@ -276,15 +276,15 @@ mod tests {
         );
         let mirrored = pirouette_geom::TriMesh {
             positions: person
-                .figure
+                .avatar
                 .mesh
                 .positions
                 .iter()
                 .map(|p| DVec3::new(-p.x, p.y, p.z))
                 .collect(),
-            triangles: person.figure.mesh.triangles.clone(),
+            triangles: person.avatar.mesh.triangles.clone(),
         };
-        let error = crate::score::surface::surface_error(&mirrored, &person.figure.mesh).unwrap();
+        let error = crate::score::surface::surface_error(&mirrored, &person.avatar.mesh).unwrap();
         assert!(error.mean_mm < 3.0, "{}", error.mean_mm);
     }
 }

@@ -1,32 +1,32 @@
-//! Tables: for people as aligned text, for programs as JSON.
+//! Tables, written as aligned text and as JSON.
 
 use std::fmt;
 
 use serde_json::{Map, Value, json};
 
-/// A table whose first cells of a row name it
+/// A table; the first cells of a row name it
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// What it shows
+    /// Title
     pub title: String,
-    /// Heads of the columns
+    /// Column headings
     pub columns: Vec<String>,
-    /// Rows of as many cells
+    /// Rows, with one cell per column
     pub rows: Vec<Vec<Cell>>,
-    /// Lines below it
+    /// Notes below the table
     pub notes: Vec<String>,
 }
 
 /// One cell
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cell {
-    /// A word
+    /// A text
     Text(String),
-    /// A number with so many decimals
+    /// A number and its number of decimals
     Number(f64, usize),
     /// Mean and standard deviation
     Spread(Spread),
-    /// Nothing to tell
+    /// No value
     Missing,
 }
 
@@ -40,7 +40,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of some values; `None` without any
+    /// Computes the spread of values; `None` without values
     pub fn of(values: &[f64]) -> Option<Self> {
         let mean = mean(values)?;
         let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len() as f64;
@@ -51,12 +51,12 @@ impl Spread {
     }
 }
 
-/// The mean of some values; `None` without any
+/// Returns the mean of values; `None` without values
 pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// The value below which a share of all values lies, between two by the line through them; `None` without any
+/// Returns a percentile, given as a share, with linear interpolation; `None` without values
 pub(crate) fn percentile(values: &[f64], share: f64) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -66,12 +66,12 @@ pub(crate) fn percentile(values: &[f64], share: f64) -> Option<f64> {
 }
 
 impl Cell {
-    /// A number, or nothing
+    /// Creates a cell with a number, or a missing one
     pub fn number(value: Option<f64>, decimals: usize) -> Self {
         value.map_or(Cell::Missing, |value| Cell::Number(value, decimals))
     }
 
-    /// A spread, or nothing
+    /// Creates a cell with a spread, or a missing one
     pub fn spread(values: &[f64]) -> Self {
         Spread::of(values).map_or(Cell::Missing, Cell::Spread)
     }
@@ -101,7 +101,7 @@ impl fmt::Display for Cell {
 }
 
 impl Table {
-    /// An empty table
+    /// Creates an empty table
     pub fn new(title: impl Into<String>, columns: &[&str]) -> Self {
         Self {
             title: title.into(),
@@ -111,7 +111,7 @@ impl Table {
         }
     }
 
-    /// Rows as JSON objects, keyed by the heads of the columns in snake case
+    /// Returns the rows as JSON objects, keyed by the column headings in snake case
     pub fn to_json(&self) -> Value {
         let keys: Vec<String> = self.columns.iter().map(|c| c.replace(' ', "_")).collect();
         let rows: Vec<Value> = self
@@ -137,7 +137,7 @@ impl fmt::Display for Table {
             cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
         };
         let widths: Vec<usize> = (0..self.columns.len()).map(width).collect();
-        // Words to the left, numbers to the right.
+        // Text is left-aligned, numbers are right-aligned.
         let is_text = |column: usize| {
             let mut cells = self.rows.iter().filter_map(|row| row.get(column));
             cells.any(|cell| matches!(cell, Cell::Text(_)))
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn words_stand_left_and_numbers_right() {
+    fn text_is_left_aligned_and_numbers_right() {
         let expected = "heights
 who  mean mm     error %
 ann   1600.3  +2.0 ± 1.0
@@ -188,7 +188,7 @@ b        9.0           -";
     }
 
     #[test]
-    fn programs_get_rows_by_name() {
+    fn json_rows_are_keyed_by_column() {
         let value = table().to_json();
         assert_eq!(value["rows"][0]["mean_mm"], 1600.26);
         assert_eq!(value["rows"][0]["error_%"]["sd"], 1.0);
@@ -196,7 +196,7 @@ b        9.0           -";
     }
 
     #[test]
-    fn percentiles_lie_between_values() {
+    fn percentiles_are_interpolated() {
         assert_eq!(percentile(&[3.0, 1.0], 0.5), Some(2.0));
         assert_eq!(percentile(&[3.0, 1.0, 7.0], 1.0), Some(7.0));
         assert_eq!(percentile(&[], 0.5), None);

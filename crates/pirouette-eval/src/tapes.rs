@@ -1,4 +1,4 @@
-//! Tape measures of random people: how far each is off, by the number of views, and how honest its deviation is.
+//! Tape measures of random people: errors by number of views, and the calibration of the standard deviations.
 
 mod page;
 mod views;
@@ -13,26 +13,26 @@ use serde_json::{Value, json};
 
 use crate::people::Person;
 use crate::table::{Cell, Spread, Table, mean, percentile};
-use crate::{StudyError, Tell, do_all};
+use crate::{OnStep, StudyError, do_all};
 use page::{errors_svg, page};
 use views::{recommendation, trunk_table, views_svg, views_table};
 
 /// Standard deviation of the statures that people state, in mm
 const STATED_STATURE_SD_MM: f64 = 5.0;
 
-/// Seeds of people begin here: those before were looked at while the method was made
+/// First seed of the people; smaller ones were used during development
 const FIRST_SEED: u64 = 2001;
 
-/// What is studied
+/// Options of the study
 #[derive(Debug, Clone, PartialEq)]
 pub struct TapesOptions {
-    /// People whose exact silhouettes are given, at [`USUAL_VIEWS`]
+    /// Number of people with exact silhouettes, at [`USUAL_VIEWS`]
     pub people: usize,
-    /// Those of them for whom numbers of views are compared
+    /// Number of these people for whom numbers of views are compared
     pub view_people: usize,
-    /// People who are photographed and segmented, at [`USUAL_VIEWS`]
+    /// Number of people who are photographed and segmented, at [`USUAL_VIEWS`]
     pub photo_people: usize,
-    /// People who are scanned again, swaying and told otherwise, at [`USUAL_VIEWS`]
+    /// Number of people who are scanned again with other sway and other stated statures, at [`USUAL_VIEWS`]
     pub repeated: usize,
     /// Numbers of views
     pub views: Vec<usize>,
@@ -40,7 +40,7 @@ pub struct TapesOptions {
     pub first_seed: u64,
 }
 
-/// Views of photographed and repeated people
+/// Number of views of photographed and repeated people
 pub const USUAL_VIEWS: usize = 8;
 
 impl Default for TapesOptions {
@@ -57,7 +57,7 @@ impl Default for TapesOptions {
 }
 
 impl TapesOptions {
-    /// Few people: a look, no study
+    /// Returns options for a quick run with few people
     pub fn quick() -> Self {
         Self {
             people: 4,
@@ -70,16 +70,16 @@ impl TapesOptions {
     }
 }
 
-/// How a person is scanned
+/// Conditions of a scan
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Condition {
     views: usize,
     photos: bool,
-    /// 0 for the first time, other numbers for other sway and noise
+    /// 0 for the first scan, other numbers for other sway and noise
     again: u64,
 }
 
-/// What was found of one measure of one person
+/// Result of one measure of one person
 #[derive(Debug, Clone, Copy)]
 struct Found {
     true_mm: f64,
@@ -99,21 +99,21 @@ impl Found {
 struct Scanned<'a> {
     person: &'a Person,
     condition: Condition,
-    /// One per measure, in the order of [`Measure::ALL`]
+    /// Results in the order of [`Measure::ALL`]
     found: Vec<Option<Found>>,
     error: Option<String>,
 }
 
-/// What the study found
+/// Results of the study
 #[derive(Debug, Clone)]
 pub struct TapesStudy {
     /// The tables, in the order of the page
     pub tables: Vec<Table>,
-    /// Every person of every condition, for programs
+    /// Every person of every condition, as JSON
     pub people: Value,
     /// The page, in Markdown
     pub page: String,
-    /// Errors of girths from photos beside the goals, as an SVG picture
+    /// Errors of girths from photos, as an SVG picture
     pub errors_svg: String,
     /// Errors by number of views, as an SVG picture
     pub views_svg: String,
@@ -121,14 +121,14 @@ pub struct TapesStudy {
 
 /// Measures random people in all conditions
 ///
-/// Truth is the same tape on the known body. Stated statures are wrong by a few mm, as those of people are.
+/// The true values are those of the same tape on the known body. Stated statures are off by a few mm, as in practice.
 ///
 /// # Errors
 /// When there are no people or views, or the study was cancelled.
 pub fn study(
     options: &TapesOptions,
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
 ) -> Result<TapesStudy, StudyError> {
     let most = options.people.max(options.photo_people);
     let people: Vec<Person> = (0..most.max(options.repeated) as u64)
@@ -161,7 +161,7 @@ pub fn study(
         return Err(StudyError::Nothing);
     }
     let config = Config::new(Goal::Measure, Method::Fit);
-    let scanned = do_all(&jobs, cancel, tell, |&(condition, person)| {
+    let scanned = do_all(&jobs, cancel, on_step, |&(condition, person)| {
         let scanned = scan(person, condition, &config, cancel);
         let text = format!(
             "{} views{}, {}{}",
@@ -190,9 +190,9 @@ fn scan<'a>(
         ..person.clone()
     };
     let mut synthetic = again.photograph(condition.views, 1.0, condition.photos);
-    let stature_mm = person.figure.stature_mm();
-    let told = stature_mm + STATED_STATURE_SD_MM * Random::new(seed ^ 0x57a7).normal();
-    synthetic.scan.stature_mm = Some(told);
+    let stature_mm = person.avatar.stature_mm();
+    let stated_mm = stature_mm + STATED_STATURE_SD_MM * Random::new(seed ^ 0x57a7).normal();
+    synthetic.scan.stature_mm = Some(stated_mm);
     let mut scanned = Scanned {
         person,
         condition,
@@ -202,7 +202,7 @@ fn scan<'a>(
     match run(&synthetic.scan, config, cancel, &mut |_| {}) {
         Err(error) => scanned.error = Some(error.to_string()),
         Ok(report) => {
-            let truth = measure_figure(&person.figure);
+            let truth = measure_figure(&person.avatar);
             for (slot, &measure) in scanned.found.iter_mut().zip(&Measure::ALL) {
                 let measured = report.measurements.as_ref().map(|m| m.get(measure));
                 let true_mm = truth.iter().find(|(m, _)| *m == measure).map(|t| t.1);
@@ -221,8 +221,9 @@ fn scan<'a>(
     scanned
 }
 
-/// Limits and figures of others: mean error that ISO 20685-1 allows, mean absolute error of the best published photo method
-/// (two silhouettes, height and weight) and of regressions on height and weight (ANSUR II, mean of men and women), in mm
+/// Returns errors for comparison, in mm: the mean error that ISO 20685-1 allows, the mean absolute error of the best
+/// published photo method (two silhouettes, height and weight), and that of regressions on height and weight (ANSUR II,
+/// mean of men and women)
 fn others(measure: Measure) -> [Option<f64>; 3] {
     match measure {
         Measure::BustGirth => [Some(9.0), Some(16.0), Some(30.0)],
@@ -251,7 +252,7 @@ fn others(measure: Measure) -> [Option<f64>; 3] {
     }
 }
 
-/// Errors of one measure over the people of one condition
+/// Returns the results of one measure for all people of one condition
 fn found_of<'a>(
     scanned: &'a [Scanned],
     condition: Condition,
@@ -270,7 +271,7 @@ fn errors(scanned: &[Scanned], condition: Condition, measure: Measure) -> Vec<f6
         .collect()
 }
 
-/// Standard deviation of one scan of a person around the mean of two, over people
+/// Returns the standard deviation of a scan from the mean of two scans of the same person, over people
 fn repeatability(scanned: &[Scanned], measure: Measure) -> Option<f64> {
     let place = Measure::ALL.iter().position(|&m| m == measure)?;
     let value = |again: u64, seed: u64| {
@@ -361,7 +362,7 @@ fn errors_table(title: &str, scanned: &[Scanned], condition: Condition) -> Table
     table
 }
 
-/// Both estimates of each girth: errors in percent, and how many lie within their deviations
+/// Compares both estimates of each girth: errors in percent, and the share within the standard deviations
 fn estimates_table(scanned: &[Scanned], condition: Condition) -> Table {
     let mut table = Table::new(
         "both estimates of each girth, errors in percent of the girth",
@@ -423,7 +424,7 @@ fn person_value(scanned: &Scanned) -> Value {
     let mut value = json!({
         "seed": scanned.person.seed,
         "sex": scanned.person.sex.name(),
-        "stature_mm": rounded(scanned.person.figure.stature_mm()),
+        "stature_mm": rounded(scanned.person.avatar.stature_mm()),
         "bmi": rounded(scanned.person.bmi),
         "views": scanned.condition.views,
         "photos": scanned.condition.photos,
@@ -450,7 +451,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nobody_makes_no_table() {
+    fn no_people_give_no_table() {
         let options = TapesOptions {
             people: 0,
             view_people: 0,
@@ -464,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_that_go_together_are_correlated() {
+    fn errors_that_vary_together_are_correlated() {
         let together: Vec<(f64, f64)> =
             (0..9).map(|i| (f64::from(i), 2.0 * f64::from(i))).collect();
         assert!((correlation(&together).unwrap() - 1.0).abs() < 1e-9);

@@ -1,4 +1,4 @@
-//! One job on one rendered person, and how well it went.
+//! One job on one rendered person, and its score.
 
 use pirouette::measure::{Measure, measure_figure};
 use pirouette::pipeline::{CancelToken, Config, Report, run};
@@ -12,7 +12,7 @@ use crate::score::masks::{best_shift_iou, halved};
 use crate::score::surface::{SurfaceError, surface_error};
 use crate::table::mean;
 
-/// Girths that the tables show
+/// Girths in the tables
 pub(crate) const GIRTHS: [Measure; 3] =
     [Measure::BustGirth, Measure::WaistGirth, Measure::HipGirth];
 
@@ -69,16 +69,16 @@ impl Part {
     }
 }
 
-/// How well one job went; what it did not come to is missing
+/// Score of one job; values that were not computed are missing
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Score {
     pub(crate) mean_mm: Option<f64>,
     pub(crate) p95_mm: Option<f64>,
-    /// Mean distance of each part of the true body, in mm
+    /// Mean distance from each part of the true body, in mm
     pub(crate) parts_mm: [Option<f64>; Part::ALL.len()],
     /// Errors of the tape measures, in percent
     pub(crate) girths_pct: [Option<f64>; GIRTHS.len()],
-    /// Mean overlap of the silhouettes as photographed; a lost view counts as 0
+    /// Mean overlap of the segmented silhouettes; a rejected view counts as 0
     pub(crate) seg_iou: Option<f64>,
     /// Mean overlap of the silhouettes in the reference pose, each after its best shift
     pub(crate) norm_iou: Option<f64>,
@@ -86,7 +86,7 @@ pub(crate) struct Score {
     pub(crate) error: Option<String>,
 }
 
-/// Does a job on a person and scores it
+/// Runs a job on a person and scores it
 pub(crate) fn try_person(
     person: &Person,
     synthetic: &SyntheticScan,
@@ -111,7 +111,7 @@ fn score(person: &Person, truth: &Truth, report: &Report) -> Score {
         score.parts_mm = parts(person, &error);
     }
     if let Some(measurements) = &report.measurements {
-        let true_measures = measure_figure(&person.figure);
+        let true_measures = measure_figure(&person.avatar);
         score.girths_pct = GIRTHS.map(|girth| {
             let (_, true_mm) = true_measures.iter().find(|(m, _)| *m == girth)?;
             Some(100.0 * (measurements.value_mm(girth)? / true_mm - 1.0))
@@ -137,11 +137,11 @@ fn score(person: &Person, truth: &Truth, report: &Report) -> Score {
     score
 }
 
-/// Mean distance of each part of the true body
+/// Returns the mean distance from each part of the true body
 fn parts(person: &Person, error: &SurfaceError) -> [Option<f64>; Part::ALL.len()] {
     let part_of = |triangle: usize| {
-        let vertex = person.figure.mesh.triangles[triangle][0];
-        Part::of(person.figure.weights[vertex as usize].strongest())
+        let vertex = person.avatar.mesh.triangles[triangle][0];
+        Part::of(person.avatar.weights[vertex as usize].strongest())
     };
     Part::ALL.map(|part| {
         let of_part = error.from_truth.iter().filter(|(t, _)| part_of(*t) == part);
@@ -150,13 +150,13 @@ fn parts(person: &Person, error: &SurfaceError) -> [Option<f64>; Part::ALL.len()
 }
 
 impl Score {
-    /// What a program wants to know about one person
+    /// Returns the score of one person as JSON
     pub(crate) fn to_json(&self, person: &Person) -> Value {
         let rounded = |value: Option<f64>| value.map(|v| (v * 1e4).round() / 1e4);
         let mut value = json!({
             "seed": person.seed,
             "sex": person.sex.name(),
-            "stature_mm": rounded(Some(person.figure.stature_mm())),
+            "stature_mm": rounded(Some(person.avatar.stature_mm())),
             "bmi": rounded(Some(person.bmi)),
             "mean_mm": rounded(self.mean_mm),
             "p95_mm": rounded(self.p95_mm),
@@ -175,7 +175,7 @@ impl Score {
         value
     }
 
-    /// The result in a few words
+    /// Describes the result in a few words
     pub(crate) fn describe(&self) -> String {
         match (self.mean_mm, &self.error) {
             (Some(mean_mm), _) => format!("{mean_mm:.2} mm"),

@@ -1,13 +1,13 @@
-//! A complete front end without a folder: files in as bytes, results out as bytes.
+//! A complete front end in memory: files and results are bytes.
 //!
 //! ```text
 //! cargo run --release -p pirouette-files --example from_memory
 //! ```
 //!
-//! The photos, keypoints and manifest are those of a rendered person; a server has them from an upload, a browser from a form.
-//! A zip file would do as well: `Source::from_zip(name, bytes)`.
+//! The photos, keypoints and manifest are those of a rendered person; a server gets them from an upload, a browser from
+//! a form. `Source::from_zip(name, bytes)` reads a zip file instead.
 
-#![allow(clippy::print_stdout, reason = "an example shows its results")]
+#![allow(clippy::print_stdout, reason = "the example prints its results")]
 
 use std::collections::BTreeMap;
 use std::error::Error;

@@ -1,7 +1,7 @@
-//! A job from end to end: load a scan, find its scale, compute, and hand out the results.
+//! A complete job: load a scan, determine its scale, compute, and return the results.
 //!
-//! A front end opens a [`Source`], calls [`run_job`], and takes the artifacts as bytes or has them written into a folder.
-//! Flags, progress and texts are its own; decisions are made here.
+//! A front end opens a [`Source`], calls [`run_job`], and takes the artifacts as bytes or has them written into a
+//! folder. It provides flags, progress display and texts; all decisions are made here.
 
 use std::collections::BTreeMap;
 #[cfg(feature = "folders")]
@@ -24,15 +24,15 @@ use crate::scan_folder::{
 };
 use crate::source::Source;
 
-/// Where the scale comes from when the manifest contains neither the stature nor the size of a pixel
+/// Source of the scale when the manifest contains neither the stature nor the size of a pixel
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ScaleSource {
-    /// An ID-1 card (85.60 x 53.98 mm, as bank cards) beside the person
+    /// An ID-1 card (85.60 x 53.98 mm, as bank cards) next to the person
     Card,
 }
 
-/// What happens during a job
+/// Progress and warnings of a job
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum JobEvent<'a> {
@@ -40,11 +40,11 @@ pub enum JobEvent<'a> {
     Pipeline(Event),
     /// An automatic correction while loading
     LoadWarning(&'a ScanWarning),
-    /// A view that cannot be loaded and is left out
+    /// A view that cannot be loaded and is excluded
     ViewFailed(&'a FailedView),
     /// A card provides the scale
     CardFound {
-        /// The view that shows it
+        /// Name of the view that shows it
         view: &'a str,
         /// The card
         card: &'a Card,
@@ -60,13 +60,13 @@ pub enum JobError {
     /// The scan cannot be loaded
     #[error(transparent)]
     Scan(#[from] ScanError),
-    /// No scale can be had from a card
+    /// The scale cannot be determined from a card
     #[error("scale from a card: {0}")]
     Card(#[source] ScaleError),
-    /// No scale can be had from the size of a pixel
+    /// The scale cannot be computed from the size of a pixel
     #[error("camera.mm_per_px: {0}")]
     PixelSize(#[source] ScaleError),
-    /// The computation fails, or was cancelled
+    /// The computation failed or was cancelled
     #[error(transparent)]
     Pipeline(#[from] PipelineError),
 }
@@ -78,16 +78,16 @@ pub struct FinishedJob {
     pub loaded: LoadedScan,
     /// Duration of loading, in seconds
     pub load_seconds: f64,
-    /// What was computed
+    /// Results of the computation
     pub report: Report,
 }
 
-/// Loads a scan, finds its scale, and computes up to the goal of `config`
+/// Loads a scan, determines its scale, and computes up to the goal of `config`
 ///
 /// `on_event` receives progress and warnings; calls are serialized but may come from any thread.
 ///
 /// # Errors
-/// When the scan cannot be loaded, the requested scale cannot be found, or the computation fails or is cancelled.
+/// When the scan cannot be loaded, its scale cannot be determined, or the computation fails or is cancelled.
 pub fn run_job(
     source: Source,
     config: &Config,
@@ -97,7 +97,7 @@ pub fn run_job(
 ) -> Result<FinishedJob, JobError> {
     let start = Instant::now();
     let options = LoadOptions {
-        // Silhouettes of photos of all kinds are fine; only a body needs one camera.
+        // Silhouettes may come from photos of any size; only a body requires a single camera.
         one_shape: config.goal > Goal::Segment,
         ..LoadOptions::default()
     };
@@ -130,7 +130,7 @@ pub fn run_job(
     })
 }
 
-/// Finds the scale where the manifest does not contain the stature
+/// Determines the scale if the manifest does not contain the stature
 fn find_scale(
     loaded: &mut LoadedScan,
     source: Option<ScaleSource>,
@@ -150,7 +150,7 @@ fn find_scale(
             card: &card,
         });
     } else if let (Some(mm_per_px), Some(view)) = (scan.mm_per_px, scan.views.first()) {
-        // Large photos were shrunk.
+        // The photo may have been shrunk on loading.
         let shrunk = view.input_size_px.1 as f64 / view.photo.height() as f64;
         scale_by_pixels(scan, mm_per_px * shrunk, StatureFrom::PixelSize)
             .map_err(JobError::PixelSize)?;
@@ -159,10 +159,10 @@ fn find_scale(
 }
 
 impl FinishedJob {
-    /// All results in memory: bytes by name, such as `result.json` and `views/000/mask.png`
+    /// Returns all results in memory: bytes by name, such as `result.json` and `views/000/mask.png`
     ///
     /// # Errors
-    /// When an encoder rejects a picture.
+    /// When an encoder rejects an image.
     pub fn artifacts(
         &self,
         options: &ResultOptions,
@@ -173,7 +173,7 @@ impl FinishedJob {
     /// Writes all results into a folder, file by file, `result.json` last
     ///
     /// # Errors
-    /// When the folder cannot be written; files that were written before remain, none is partial.
+    /// When the folder cannot be written; files written until then remain, none is partial.
     #[cfg(feature = "folders")]
     pub fn write(&self, folder: &Path, options: &ResultOptions) -> Result<(), ResultError> {
         write_results(
@@ -185,7 +185,7 @@ impl FinishedJob {
         )
     }
 
-    /// The content of `result.json` and `measurements.json` in one object
+    /// Returns the content of `result.json` and `measurements.json` in one object
     pub fn to_json(&self, charts: &[Chart]) -> Value {
         let mut value = result_value(&self.loaded, self.load_seconds, &self.report);
         if let Some(measurements) = &self.report.measurements {

@@ -1,10 +1,11 @@
-//! Files: scans in, results out.
+//! Input and output: scans, results and file formats.
 //!
-//! [`job::run_job`] is all that a front end needs: it takes a [`source::Source`] (a folder, a zip file or files in memory) and
-//! returns the results as bytes by name, or writes them into a folder. `examples/from_memory.rs` is a complete one.
+//! [`job::run_job`] is the entry point for front ends: it takes a [`source::Source`] (a folder, a zip file or files in
+//! memory) and returns the results as bytes by name, or writes them into a folder. `examples/from_memory.rs` is a
+//! complete front end.
 //!
-//! What other programs write is checked here, once, and converted to the frames and units of [`pirouette`];
-//! the method trusts what it gets. Every file is written completely or not at all.
+//! Files from other programs are validated here, once, and converted to the frames and units of [`pirouette`], which
+//! relies on it. Every file is written completely or not at all.
 
 pub mod formats;
 pub mod job;

@@ -1,7 +1,7 @@
-//! Result folders: masks, pictures, bodies, measurements, and what was found along the way.
+//! Result folders: masks, images, bodies, measurements and intermediate results.
 //!
-//! Keys are stable, lengths in mm or in px of the photo as given, angles in degrees. An existing folder is
-//! replaced only file by file.
+//! Keys are stable, lengths in mm or in px of the original photo, angles in degrees. In an existing folder, files are
+//! replaced one by one.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -38,39 +38,39 @@ use pirouette_body::{Camera, ReferencePose};
 /// Why results could not be written
 #[derive(Debug, Error)]
 pub enum ResultError {
-    /// No room, or not allowed
+    /// Writing fails
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// A picture that the encoder refuses
+    /// The encoder rejects an image
     #[error("cannot make {}: {source}", file.display())]
     Picture {
         /// The file
         file: PathBuf,
-        /// What the encoder says
+        /// Error of the encoder
         source: image::ImageError,
     },
-    /// A photo that the encoder refuses
+    /// The encoder rejects a photo
     #[error("cannot make {}: {source}", file.display())]
     Jpeg {
         /// The file
         file: PathBuf,
-        /// What the encoder says
+        /// Error of the encoder
         source: jpeg_encoder::EncodingError,
     },
 }
 
-/// Quality of the pictures, 1 to 100
+/// JPEG quality of the images, 1 to 100
 const JPEG_QUALITY: u8 = 88;
 
-/// Longer side of the overlays on the page, in px: with it, a page of eight views has about 2 MB
+/// Longer side of the overlays on the page, in px; a page of eight views then has about 2 MB
 const PAGE_OVERLAY_PX: usize = 900;
 
-/// What a result folder holds besides what is always there
+/// Optional content of a result folder
 #[derive(Debug, Clone, Copy)]
 pub struct ResultOptions<'a> {
-    /// Formats of the body
+    /// File formats of the body
     pub formats: &'a [MeshFormat],
-    /// Title of `report.html`; without one, the page is not written
+    /// Title of `report.html`; `None` omits the page
     pub page_title: Option<&'a str>,
     /// Size charts; see [`pirouette::sizes`]
     pub charts: &'a [Chart],
@@ -78,10 +78,10 @@ pub struct ResultOptions<'a> {
     pub exports: &'a [ExportFormat],
 }
 
-/// Writes all that a report holds into a result folder
+/// Writes a report into a result folder
 ///
 /// # Errors
-/// When the folder cannot be written; files that were written before stay, none is partial.
+/// When the folder cannot be written; files written until then remain, none is partial.
 #[cfg(feature = "folders")]
 pub fn write_results(
     folder: &Path,
@@ -95,10 +95,10 @@ pub fn write_results(
     write_artifacts(&sink, loaded, load_seconds, report, options)
 }
 
-/// Makes all that [`write_results`] writes in memory: bytes by name, such as `views/000/mask.png`
+/// Encodes the files that [`write_results`] writes, in memory: bytes by name, such as `views/000/mask.png`
 ///
 /// # Errors
-/// When an encoder refuses a picture.
+/// When an encoder rejects an image.
 pub fn make_artifacts(
     loaded: &LoadedScan,
     load_seconds: f64,
@@ -110,7 +110,7 @@ pub fn make_artifacts(
     Ok(sink.into_artifacts())
 }
 
-/// Puts all that a report holds into a sink, `result.json` last
+/// Writes a report into a sink, `result.json` last
 fn write_artifacts(
     sink: &Sink,
     loaded: &LoadedScan,
@@ -144,12 +144,12 @@ fn write_artifacts(
             let (body, measurements) = (body?, report.measurements.as_ref()?);
             Some(tape_sheet(&body.surface, &body.mesh, measurements))
         };
-        // The largest ones one after the other: each takes its memory.
+        // The largest images are made one after the other, to limit the memory.
         let large = || {
             let contact = sheet("contact.jpg", &contact)?;
             Ok::<_, ResultError>((contact, sheet("residuals.jpg", &residuals)?))
         };
-        // Views are many and small: they fill the time that the sheets leave.
+        // Views are many and small: they use the threads that the sheets leave idle.
         let small = || (sheet("tapes.jpg", &tapes), write_views());
         let (large, (tapes, page_overlays)) = rayon::join(large, small);
         let (contact, residuals) = large?;
@@ -184,14 +184,14 @@ fn write_artifacts(
         };
         sink.put("report.html", write_page(&page).into_bytes())?;
     }
-    // Last, so that a result.json stands for a whole result.
+    // Last, so that an existing result.json means a complete result.
     let result = result_value(loaded, load_seconds, report);
     put_json(sink, "result.json", &result)
 }
 
-/// Writes the body, and the hull where there is one, in each format
+/// Writes the body, and the hull if there is one, in each format
 fn write_bodies(sink: &Sink, report: &Report, formats: &[MeshFormat]) -> Result<(), ResultError> {
-    // What was fitted has bones and colors.
+    // A fitted body has bones and colors.
     let body = report.body.as_ref().map(|mesh| match &report.fit {
         Some(fit) => BodyMesh {
             colors: report.colors.as_ref().map(|colors| &colors.srgb[..]),
@@ -211,7 +211,7 @@ fn write_bodies(sink: &Sink, report: &Report, formats: &[MeshFormat]) -> Result<
     Ok(())
 }
 
-/// Writes the folder of one view and hands back its picture for the page
+/// Writes the folder of one view and returns its overlay for the page
 fn write_view(
     sink: &Sink,
     loaded: &LoadedScan,
@@ -224,9 +224,9 @@ fn write_view(
     let silhouette = &found.silhouette;
     let mask = in_input_size(view, &silhouette.mask, |width, height| {
         let mask = resample_mask(&silhouette.soft.whole(), width, height, 0.5);
-        // What was found in a smaller copy of the photo ends where the photo itself says.
+        // Masks computed from a shrunk photo are refined along the edges of the original photo.
         let found_here = silhouette.seeds.is_some();
-        let photo = found_here.then(|| loaded.whole_photo(found.id.0));
+        let photo = found_here.then(|| loaded.full_size_photo(found.id.0));
         match photo.flatten() {
             Some(photo) => sharpen_mask(&photo, &mask),
             None => mask,
@@ -299,13 +299,14 @@ fn page<'a>(
     }
 }
 
-/// What was decided without being asked while loading and after
+/// Returns the automatic corrections of loading and computation
 fn all_warnings(loaded: &LoadedScan, report: &Report) -> impl Iterator<Item = Warning> {
     let of_scan = loaded.warnings.iter().cloned().map(Warning::Scan);
     of_scan.chain(report.warnings.iter().cloned().map(Warning::Job))
 }
 
-/// A silhouette at the size of the photo as given; where this is not the working size, it is `scaled`
+/// Returns a silhouette at the size of the original photo: the mask itself, or the level set of `scaled` if the sizes
+/// differ
 fn in_input_size<'a>(
     view: &View,
     mask: &'a Mask,
@@ -338,7 +339,7 @@ fn put_json(sink: &Sink, name: &str, value: &Value) -> Result<(), ResultError> {
     Ok(sink.put(name, format!("{value:#}\n").into_bytes())?)
 }
 
-/// What result.json holds
+/// Returns the content of `result.json`
 pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> Value {
     let scan = &loaded.scan;
     let mut views: Vec<Value> = scan
@@ -406,7 +407,7 @@ fn view_entry(name: &str, angle_deg: f64, failure: Option<(&str, String)>) -> Va
     }
 }
 
-/// Name of a method on the command line and in files
+/// Returns the name of a method on the command line and in files
 pub fn method_name(method: Method) -> &'static str {
     match method {
         Method::Fit => "fit",
@@ -421,7 +422,7 @@ fn pose_name(pose: ReferencePose) -> &'static str {
     }
 }
 
-/// Name of a goal on the command line and in files
+/// Returns the name of a goal on the command line and in files
 pub fn goal_name(goal: Goal) -> &'static str {
     match goal {
         Goal::Segment => "segment",
@@ -473,7 +474,7 @@ fn skeleton_value(skeleton: &Skeleton, views: &[View]) -> Value {
 
 fn view_value(view: &View, found: &SolvedView) -> Value {
     let (width, height) = view.input_size_px;
-    // Everything inside is in px of the photo that was worked on.
+    // All other coordinates are in px of the working photo.
     let scale = DVec2::new(
         width as f64 / view.photo.width() as f64,
         height as f64 / view.photo.height() as f64,
@@ -547,7 +548,7 @@ fn joints_value(joints: &JointPositions, scale: DVec2) -> Value {
     Value::Object(entries.collect())
 }
 
-/// The rigid motion onto the reference, and the mean distance of the contours before and after
+/// Returns the rigid motion onto the reference, and the mean contour distance before and after
 fn registration_value(found: &Registration, scale: DVec2) -> Value {
     let shift = found.translation_px * scale;
     let center = found.center * scale;
@@ -560,7 +561,7 @@ fn registration_value(found: &Registration, scale: DVec2) -> Value {
     })
 }
 
-/// The angles of a limb's chain, and the mean distance of its contour before and after
+/// Returns the angles of a limb's chain, and the mean contour distance before and after
 fn limb_value(limb: &LimbRefinement, scale: DVec2) -> Value {
     json!({
         "upper_deg": rounded(limb.upper_radians.to_degrees(), 2),
@@ -570,7 +571,7 @@ fn limb_value(limb: &LimbRefinement, scale: DVec2) -> Value {
     })
 }
 
-/// A number with so many digits after the point; what is not finite is null
+/// Rounds a number to `digits` decimal places; values that are not finite become null
 fn rounded(value: f64, digits: i32) -> Value {
     let unit = 10f64.powi(digits);
     json!((value * unit).round() / unit)

@@ -1,4 +1,4 @@
-//! Where results go: files of a folder or entries in memory, each written completely or not at all.
+//! Destinations of results: files of a folder or entries in memory, each written completely or not at all.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -14,39 +14,39 @@ use std::sync::{Mutex, PoisonError};
 
 use thiserror::Error;
 
-/// Why a file could not be written; whatever was there before is still there
+/// Why a file could not be written; an existing file is unchanged
 #[derive(Debug, Error)]
 pub enum WriteError {
-    /// The folder cannot be made
-    #[error("cannot make the folder {}: {source}{}", folder.display(), remedy(source))]
+    /// The folder cannot be created
+    #[error("cannot create the folder {}: {source}{}", folder.display(), remedy(source))]
     Folder {
         /// The folder
         folder: PathBuf,
-        /// What the system says
+        /// Error of the system
         source: io::Error,
     },
-    /// Nowhere to write to
-    #[error("cannot write {}: there is no folder {}; make it first", file.display(), folder.display())]
+    /// The folder does not exist
+    #[error("cannot write {}: there is no folder {}; create it first", file.display(), folder.display())]
     NoFolder {
         /// The file
         file: PathBuf,
-        /// The folder that is missing
+        /// The missing folder
         folder: PathBuf,
     },
-    /// No room, or not allowed
+    /// Writing fails, for example on a full disk or without permission
     #[error("cannot write {}: {source}{}", file.display(), remedy(source))]
     File {
         /// The file
         file: PathBuf,
-        /// What the system says
+        /// Error of the system
         source: io::Error,
     },
 }
 
-/// A place for the artifacts of a job, by names such as `views/000/mask.png`
+/// A destination for the artifacts of a job, by names such as `views/000/mask.png`
 #[derive(Debug)]
 pub enum Sink {
-    /// Files in a folder; folders within are made as needed
+    /// Files in a folder; subfolders are created as needed
     #[cfg(feature = "folders")]
     Folder(PathBuf),
     /// Entries in memory
@@ -54,7 +54,7 @@ pub enum Sink {
 }
 
 impl Sink {
-    /// An empty sink in memory
+    /// Creates an empty sink in memory
     pub fn memory() -> Self {
         Self::Memory(Mutex::default())
     }
@@ -62,7 +62,7 @@ impl Sink {
     /// Stores one artifact; can be called from any thread
     ///
     /// # Errors
-    /// When a file cannot be written; what was there before is then unchanged.
+    /// When a file cannot be written; an existing file is then unchanged.
     pub fn put<'a>(&self, name: &str, bytes: impl Into<Cow<'a, [u8]>>) -> Result<(), WriteError> {
         let bytes = bytes.into();
         match self {
@@ -70,7 +70,7 @@ impl Sink {
             Self::Folder(_) => {
                 let file = self.path(name);
                 make_folder(file.parent().unwrap_or(Path::new(".")))?;
-                write_whole(&file, &bytes)
+                write_atomic(&file, &bytes)
             }
             Self::Memory(entries) => {
                 let mut entries = entries.lock().unwrap_or_else(PoisonError::into_inner);
@@ -80,7 +80,7 @@ impl Sink {
         }
     }
 
-    /// The path of an artifact, for messages
+    /// Returns the path of an artifact, for messages
     pub fn path(&self, name: &str) -> PathBuf {
         match self {
             #[cfg(feature = "folders")]
@@ -89,7 +89,7 @@ impl Sink {
         }
     }
 
-    /// The artifacts in memory by name; none of a folder
+    /// Returns the artifacts in memory by name; empty for a folder
     pub fn into_artifacts(self) -> BTreeMap<String, Vec<u8>> {
         match self {
             #[cfg(feature = "folders")]
@@ -103,20 +103,20 @@ fn remedy(error: &io::Error) -> &'static str {
     use io::ErrorKind::*;
     match error.kind() {
         StorageFull | QuotaExceeded | FileTooLarge => {
-            "; make room and run again, nothing partial was left behind"
+            "; free disk space and run again; no partial file was written"
         }
         PermissionDenied | ReadOnlyFilesystem => "; choose another folder with -o",
         AlreadyExists | NotADirectory => {
-            "; a file stands where a folder is needed, choose another folder with -o"
+            "; a file exists at the path of a folder, choose another folder with -o"
         }
         _ => "",
     }
 }
 
-/// Makes a folder and those above it
+/// Creates a folder and its parents
 ///
 /// # Errors
-/// When the system refuses.
+/// When the system reports an error.
 #[cfg(feature = "folders")]
 pub fn make_folder(folder: &Path) -> Result<(), WriteError> {
     fs::create_dir_all(folder).map_err(|source| WriteError::Folder {
@@ -125,19 +125,19 @@ pub fn make_folder(folder: &Path) -> Result<(), WriteError> {
     })
 }
 
-/// Writes a file whole or not at all: into a temporary neighbor that then takes the name
+/// Writes a file atomically: into a temporary file in the same folder, which is then renamed
 ///
 /// # Errors
-/// When there is no room or no right to write; the file is then as it was before.
+/// When the disk is full or permission is denied; an existing file is then unchanged.
 #[cfg(feature = "folders")]
-pub fn write_whole(file: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+pub fn write_atomic(file: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     write_with(file, |out| out.write_all(bytes))
 }
 
-/// Like [`write_whole`], with the content written by `write`
+/// Like [`write_atomic`], with the content written by `write`
 ///
 /// # Errors
-/// When `write` fails, or there is no room or no right to write; the file is then as it was before.
+/// When `write` fails, the disk is full or permission is denied; an existing file is then unchanged.
 #[cfg(feature = "folders")]
 pub fn write_with(
     file: &Path,
@@ -154,7 +154,7 @@ pub fn write_with(
             write(&mut buffered)?;
             buffered.flush()?;
         }
-        // Some file systems report a full disk only here.
+        // Some file systems report a full disk only at this call.
         temporary.as_file().sync_data()?;
         temporary.persist(file).map_err(|error| error.error)?;
         Ok(())
@@ -169,7 +169,7 @@ pub fn write_with(
     })
 }
 
-/// A temporary file that goes away unless it is persisted, with the usual rights of a new file
+/// Creates a temporary file that is deleted unless it is persisted, with the default permissions of a new file
 #[cfg(feature = "folders")]
 fn temporary_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
@@ -177,13 +177,13 @@ fn temporary_in(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // Less what the umask takes away; a temporary file alone would be for the owner only.
+        // Reduced by the umask; the default of a temporary file is access for the owner only.
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     builder.tempfile_in(folder).map_err(without_path)
 }
 
-/// The error without the temporary name that comes along, which helps nobody, where the kind tells enough
+/// Removes the temporary path from an error if its kind is sufficient for the message
 #[cfg(feature = "folders")]
 fn without_path(error: io::Error) -> io::Error {
     if remedy(&error).is_empty() {
@@ -199,20 +199,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_is_replaced_whole() {
+    fn a_file_is_replaced_completely() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.txt");
-        write_whole(&file, b"one").unwrap();
-        write_whole(&file, b"two").unwrap();
+        write_atomic(&file, b"one").unwrap();
+        write_atomic(&file, b"two").unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"two");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]
-    fn a_full_disk_leaves_the_old_file_and_nothing_else() {
+    fn a_full_disk_leaves_only_the_old_file() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.txt");
-        write_whole(&file, b"old").unwrap();
+        write_atomic(&file, b"old").unwrap();
         let error = write_with(&file, |out| {
             out.write_all(b"half of the ")?;
             Err(io::Error::from(io::ErrorKind::StorageFull))
@@ -220,7 +220,7 @@ mod tests {
         .unwrap_err();
         let message = error.to_string();
         assert!(
-            message.contains("a.txt") && message.contains("make room"),
+            message.contains("a.txt") && message.contains("free disk space"),
             "{message}"
         );
         assert_eq!(fs::read(&file).unwrap(), b"old");
@@ -238,13 +238,13 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_is_missing_is_named_and_no_temporary_name_is() {
+    fn a_missing_folder_is_reported_without_the_temporary_name() {
         let folder = tempfile::tempdir().unwrap();
-        let error = write_whole(&folder.path().join("none/a.txt"), b"").unwrap_err();
+        let error = write_atomic(&folder.path().join("none/a.txt"), b"").unwrap_err();
         assert!(matches!(error, WriteError::NoFolder { .. }));
         let file = folder.path().join("a");
         fs::write(&file, b"").unwrap();
-        let message = write_whole(&file.join("b"), b"").unwrap_err().to_string();
+        let message = write_atomic(&file.join("b"), b"").unwrap_err().to_string();
         assert!(message.contains("choose another"), "{message}");
         assert!(!message.contains(".part"), "{message}");
     }

@@ -1,23 +1,23 @@
-//! Warnings of loading a scan and of the job on it, as results list them.
+//! Warnings from loading a scan and from the job on it, as listed in the results.
 
 use pirouette::pipeline;
 use thiserror::Error;
 
 use crate::scan_folder::ScanWarning;
 
-/// Something that the user should know, though there is a result
+/// A problem that does not prevent a result
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Warning {
-    /// While the scan was loaded
+    /// From loading the scan
     #[error("{0}")]
     Scan(ScanWarning),
-    /// While the job ran
+    /// From the computation
     #[error("{0}")]
     Job(pipeline::Warning),
 }
 
 impl Warning {
-    /// The view that it is about, if it is about one
+    /// Returns the name of the affected view, if it concerns one
     pub fn view(&self) -> Option<&str> {
         match self {
             Warning::Scan(warning) => warning.view(),
@@ -25,7 +25,7 @@ impl Warning {
         }
     }
 
-    /// Stable name for programs
+    /// Returns the stable, machine-readable code
     pub fn code(&self) -> &'static str {
         match self {
             Warning::Scan(warning) => warning.code(),

@@ -1,4 +1,4 @@
-//! A scan in a folder, a zip file or memory gives the same results, in a folder or memory.
+//! A scan gives the same results from a folder, a zip file and memory, written to a folder and to memory.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -36,7 +36,7 @@ fn files_below(folder: &Path, root: &Path, found: &mut Files) {
     }
 }
 
-/// As desktop programs make them: a folder in a zip file
+/// Creates a zip file with a top folder, as desktop programs do
 fn zipped(files: &Files) -> Vec<u8> {
     let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
     let options = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated);
@@ -50,7 +50,7 @@ fn zipped(files: &Files) -> Vec<u8> {
     writer.finish().expect("memory").into_inner()
 }
 
-/// A job without its times, which differ from run to run
+/// Runs a job; its times are cleared, since they differ between runs
 fn finished(source: Source) -> FinishedJob {
     let config = Config::new(Goal::Measure, Method::Fit);
     let mut done = run_job(source, &config, None, &CancelToken::default(), &mut |_| {})
@@ -115,7 +115,7 @@ fn folder_zip_and_memory_give_the_same_bytes() {
 }
 
 #[test]
-fn a_job_reports_what_it_left_out_and_where_the_scale_comes_from() {
+fn a_job_reports_excluded_views_and_the_source_of_the_scale() {
     let mut files = scan_files(&turning_woman(3).scan).unwrap();
     files.insert("001.jpg".to_owned(), b"no photo".to_vec());
     let mut events = Vec::new();
@@ -145,7 +145,7 @@ fn a_job_reports_what_it_left_out_and_where_the_scale_comes_from() {
 }
 
 #[test]
-fn a_scale_that_cannot_be_found_is_an_error_of_the_job() {
+fn a_job_fails_if_the_scale_cannot_be_determined() {
     let mut person = turning_woman(3);
     person.scan.stature_mm = None;
     let source = Source::from_files("anna", scan_files(&person.scan).unwrap()).unwrap();

@@ -18,13 +18,13 @@ use super::picture::{difference, side_by_side};
 use super::{Effort, Experiment, Figure, Picture, camera_of};
 use crate::people::Person;
 use crate::table::{Cell, Table, mean};
-use crate::{StudyError, Tell, do_all};
+use crate::{OnStep, StudyError, do_all};
 use pirouette::pipeline::CancelToken;
 
-/// Joints are moved by at most this, in px
+/// Largest distance by which joints are moved, in px
 const REACH_PX: f64 = 50.0;
 
-/// Joints that are moved, each for itself
+/// Joints that are moved, independently of each other
 const MOVED: [Joint; 4] = [
     Joint::LeftElbow,
     Joint::LeftWrist,
@@ -32,17 +32,17 @@ const MOVED: [Joint; 4] = [
     Joint::RightWrist,
 ];
 
-/// Borders that differ by no more than this count as equal in the published figures, in px
+/// Distance up to which borders count as equal in the published figures, in px
 const ALLOWANCE_PX: f64 = 2.0;
 
 /// Seeds of the trials
 const SEED: u64 = 0xa1a9_0001;
 
-/// A way of deforming
+/// A variant of the deformation
 struct Variant {
     name: &'static str,
     options: DeformOptions,
-    /// Whether what lies between there and back has soft borders
+    /// Whether the intermediate silhouette has soft borders
     soft: bool,
 }
 
@@ -100,9 +100,9 @@ struct Trial {
 
 /// Moves elbows and wrists of silhouettes seen from the front, and back
 ///
-/// Both elbows and both wrists go to random places, each within 50 px of where it is; the deformed silhouette is drawn,
-/// traced and meshed anew, and its joints go back. Compared is what comes out with what went in, pixel by pixel, as Dice
-/// index `2 |A and B| / (|A| + |B|)` of the masks.
+/// Both elbows and both wrists are moved to random positions within 50 px; the deformed silhouette is rasterized,
+/// traced and meshed again, and its joints are moved back. The resulting mask is compared with the original one by the
+/// Dice index `2 |A and B| / (|A| + |B|)`.
 ///
 /// # Errors
 /// When cancelled.
@@ -110,24 +110,27 @@ pub(super) fn run(
     people: &[Person],
     effort: Effort,
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
 ) -> Result<Experiment, StudyError> {
     let variants = Variant::all();
     let count = effort.pick(20, 100);
     let jobs: Vec<(u64, &Person)> = (0..count).zip(people.iter().cycle()).collect();
-    let trials = do_all(&jobs, cancel, tell, |&(number, person)| {
+    let trials = do_all(&jobs, cancel, on_step, |&(number, person)| {
         let trial = try_once(number, person, &variants);
         let dice = trial.dice.first().copied().flatten();
         let text = dice.map_or("failed".into(), |(d, _)| format!("Dice {:.2} %", 100.0 * d));
-        (trial, format!("arms moved and back: {text}"))
+        (trial, format!("arms moved forward and back: {text}"))
     })?;
     let mut table = Table::new(
-        format!("{} trials, one part of the deformation off", trials.len()),
+        format!(
+            "{} trials, one part of the deformation disabled",
+            trials.len()
+        ),
         &["left out", "mean %", "worst %", "mean % with 2 px allowed"],
     );
     let mut found = Vec::new();
     for (index, variant) in variants.iter().enumerate() {
-        // A trial that failed is a Dice index of nothing.
+        // A failed trial has a Dice index of 0.
         let all: Vec<(f64, f64)> = trials
             .iter()
             .map(|trial| trial.dice[index].unwrap_or((0.0, 0.0)))
@@ -162,13 +165,14 @@ pub(super) fn run(
     });
     Ok(Experiment {
         name: "deformation",
-        title: "Table 1: the deformation there and back",
+        title: "Table 1: deformation, forward and back",
         reading: vec![
-            "Both elbows and both wrists of a silhouette seen from the front go to random places, evenly spread over a \
-             disk of 50 px around where they are, at a stature of 830 px. Neither upper arm nor forearm keeps its length, \
-             which is harder than what the method itself asks for. The result is drawn, traced and meshed anew, and the \
-             joints go back.",
-            "Compared is the mask that comes out with the one that went in. The published Dice indices forgive borders \
+            "Both elbows and both wrists of a silhouette seen from the front are moved to random positions, uniformly distributed \
+             in a disk with a radius of 50 px around the original ones, at a stature of 830 px. The lengths of upper arms and \
+             forearms change, which is harder than the deformations of the method itself. The result is rasterized, traced and \
+             meshed again, and the \
+             joints are moved back.",
+            "The resulting mask is compared with the original one. The published Dice indices tolerate borders \
              that differ by up to 2 px; ours do not, but the last column does.",
         ],
         figures: found,
@@ -178,7 +182,7 @@ pub(super) fn run(
     })
 }
 
-/// A silhouette, and where its joints go
+/// A silhouette, and the target positions of its joints
 struct Scene {
     seen: ReferenceView,
     moved: JointPositions,
@@ -186,11 +190,11 @@ struct Scene {
 }
 
 fn scene(number: u64, person: &Person) -> Scene {
-    let camera = camera_of(person.figure.stature_mm());
-    let figure = &person.figure;
+    let camera = camera_of(person.avatar.stature_mm());
+    let avatar = &person.avatar;
     let seen = ReferenceView::render(
-        figure,
-        &SilhouetteMesh::new(&figure.mesh.triangles),
+        avatar,
+        &SilhouetteMesh::new(&avatar.mesh.triangles),
         TurnAngle::default(),
         &camera,
         NormalizeMethod::default(),
@@ -214,7 +218,7 @@ fn scene(number: u64, person: &Person) -> Scene {
 }
 
 impl Scene {
-    /// The silhouette with its arm joints moved, and moved back
+    /// Returns the silhouette with its arm joints moved, and moved back
     fn there_and_back(&self, variant: &Variant) -> Option<[Mask; 2]> {
         let rest = self.seen.joints.map(Some);
         let there = carried(&self.seen.coverage, &rest, &self.moved, variant).ok()?;
@@ -228,7 +232,7 @@ impl Scene {
         Some(Picture {
             name: "deformation",
             caption: format!(
-                "The worst trial (number {number}): before, with the arm joints moved, and back over before"
+                "The worst trial (number {number}): original, with the arm joints moved, and moved back over the original"
             ),
             photo: side_by_side(&[
                 &difference(&before, &before),
@@ -259,7 +263,7 @@ fn try_once(number: u64, person: &Person, variants: &[Variant]) -> Trial {
     }
 }
 
-/// Takes a silhouette along with its joints
+/// Deforms a silhouette to follow its joints
 fn carried(
     coverage: &Grid<f32>,
     from: &JointPositions,
@@ -283,7 +287,7 @@ fn carried(
     ))
 }
 
-/// Dice index of two masks; what lies within `allowance_px` of the other counts as common
+/// Computes the Dice index of two masks; pixels within `allowance_px` of the other mask count as common
 fn dice(a: &Mask, b: &Mask, allowance_px: f64) -> f64 {
     let common = |a: &Mask, b: &Mask| {
         let near = if allowance_px > 0.0 {
@@ -306,7 +310,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dice_counts_what_is_common_twice_and_forgives_what_is_near() {
+    fn dice_counts_common_pixels_twice_and_tolerates_near_ones() {
         let (a, b) = (
             Mask::from_art("####.. ####.."),
             Mask::from_art(".####. .####."),
@@ -318,17 +322,17 @@ mod tests {
     }
 
     #[test]
-    fn arms_come_back_and_every_part_left_out_changes_something() {
+    fn arms_return_and_every_disabled_part_has_an_effect() {
         let person = Person::new(3).unwrap();
         let variants = Variant::all();
         let trial = try_once(0, &person, &variants);
         assert!(trial.farthest_px <= REACH_PX);
         assert!(scene(0, &person).picture(0).is_some());
-        let (whole, _) = trial.dice[0].unwrap();
-        assert!(whole > 0.99, "{whole}");
+        let (complete, _) = trial.dice[0].unwrap();
+        assert!(complete > 0.99, "{complete}");
         for (variant, dice) in variants.iter().zip(&trial.dice).skip(1) {
             let (dice, allowed) = dice.unwrap();
-            assert!(dice != whole && dice > 0.9, "{}: {dice}", variant.name);
+            assert!(dice != complete && dice > 0.9, "{}: {dice}", variant.name);
             assert!(allowed >= dice);
         }
     }

@@ -1,23 +1,24 @@
-//! The published search of a registration, slow and obvious: the twin that the fast one is compared with.
+//! The published exhaustive search of a registration: slow reference implementation for comparison with ours.
 
 use glam::DVec2;
 use pirouette_geom::chain::RigidMotion;
 
-/// Rounds, each around the best so far
+/// Number of rounds, each around the best candidate
 const ROUNDS: usize = 10;
 
-/// Candidates on either side, in each of rotation, x and y: 11 x 11 x 11 in all
+/// Candidates in each direction, for each of rotation, x and y: 11 x 11 x 11 in total
 const EACH_WAY: i32 = 5;
 
-/// Factor on the steps from round to round
+/// Factor on the steps between rounds
 const SHRINK: f64 = 0.9;
 
-/// Steps of the first round; the paper leaves them open
+/// Steps of the first round; the paper does not state them
 ///
-/// These reach 2.5 degrees and 5 px in the first round, 16 degrees and 32 px in all, and end at 0.2 degrees and 0.4 px.
+/// They reach 2.5 degrees and 5 px in the first round, 16 degrees and 32 px in total, and end at 0.2 degrees and 0.4
+/// px.
 const FIRST_STEP: (f64, f64) = (0.5 * std::f64::consts::PI / 180.0, 1.0);
 
-/// What the search found
+/// Result of the search
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Found {
     /// The best motion
@@ -26,9 +27,9 @@ pub(super) struct Found {
     pub(super) mean_distance_px: f64,
 }
 
-/// Tries every candidate with every point
+/// Evaluates every candidate with every point
 ///
-/// `distance` tells how far a place is from the reference contour, in px.
+/// `distance` returns the distance of a position from the reference contour, in px.
 ///
 /// # Source
 /// Zwettler et al. 2021, eq. 2 to 4: rotation about the centroid and shift, 10 rounds of 11 x 11 x 11 candidates whose
@@ -71,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_square_comes_back_to_its_place() {
+    fn a_moved_square_is_registered() {
         let square: Vec<DVec2> = (0..40)
             .map(|i| {
                 let t = f64::from(i % 10) / 10.0;

@@ -1,10 +1,10 @@
-//! What was published, and what ours must reach: one table.
+//! The published results and our goals, in one table.
 
 use serde_json::{Value, json};
 
 /// A result that is compared with a published one
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[allow(missing_docs, reason = "the goals say it")]
+#[allow(missing_docs, reason = "the goals document the variants")]
 pub enum Figure {
     SegmentationMedian,
     SegmentationPassed,
@@ -22,29 +22,29 @@ pub enum Figure {
     RefinementLower,
 }
 
-/// The side on which a figure must stay
+/// The bound of a figure
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Limit {
-    /// Not more than this
+    /// At most this value
     AtMost(f64),
-    /// Not less than this
+    /// At least this value
     AtLeast(f64),
 }
 
-/// What one figure must reach
+/// The goal of one figure
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Goal {
-    /// Which one
+    /// The figure
     pub figure: Figure,
-    /// What it is, with where it was published
+    /// Its name, with the source in the paper
     pub name: &'static str,
-    /// Its unit, written after the number
+    /// Its unit, appended to the number
     pub unit: &'static str,
-    /// Decimals that are worth printing
+    /// Number of decimals to print
     pub decimals: usize,
-    /// What was published
+    /// The published value
     pub published: &'static str,
-    /// What ours must reach
+    /// The bound for our value
     pub limit: Limit,
 }
 
@@ -171,7 +171,7 @@ pub const GOALS: [Goal; 14] = {
 };
 
 impl Goal {
-    /// Whether a value is good enough; what is not a number is not
+    /// Returns whether a value reaches the goal; false for NaN
     pub fn reached(&self, value: f64) -> bool {
         match self.limit {
             Limit::AtMost(limit) => value <= limit,
@@ -179,12 +179,12 @@ impl Goal {
         }
     }
 
-    /// A value with its unit
+    /// Formats a value with its unit
     pub fn show(&self, value: f64) -> String {
         format!("{value:.*}{}", self.decimals, self.unit)
     }
 
-    /// What a value must be
+    /// Formats the bound
     pub fn show_limit(&self) -> String {
         match self.limit {
             Limit::AtMost(limit) => format!("at most {limit}{}", self.unit),
@@ -192,7 +192,7 @@ impl Goal {
         }
     }
 
-    /// The goal and what was found, for programs
+    /// Returns the goal and a value as JSON
     pub fn to_json(&self, value: f64) -> Value {
         let (at_most, at_least) = match self.limit {
             Limit::AtMost(limit) => (Some(limit), None),
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_number_reaches_nothing() {
+    fn nan_reaches_no_goal() {
         for goal in &GOALS {
             assert!(!goal.reached(f64::NAN));
             let (Limit::AtMost(limit) | Limit::AtLeast(limit)) = goal.limit;

@@ -1,9 +1,9 @@
-//! The published results, on people of ours: one experiment for each, beside the published figures.
+//! The published results, reproduced with random people: one experiment for each, compared with the published figures.
 //!
 //! Zwettler et al. 2021, "Three-step Alignment Approach for Fitting a Normalized Mask of a Person Rotating in A-Pose or
 //! T-Pose" (VISAPP). Every experiment is a function with fixed seeds over the random people of [`crate::people`]. Each
-//! one says how the paper is read, and shows what becomes of the figures when a part of the method is left out. What ours
-//! must reach stands in one table, [`GOALS`].
+//! states how the paper is interpreted, and how the figures change when a part of the method is disabled. Our goals are
+//! listed in one table, [`GOALS`].
 
 mod deformation;
 mod exhaustive;
@@ -27,85 +27,85 @@ use serde_json::{Map, Value, json};
 use crate::folders::{ScoreError, photo_table, score_photos, with_truth};
 use crate::people::Person;
 use crate::table::{Table, percentile};
-use crate::{Step, StudyError, Tell};
+use crate::{OnStep, Step, StudyError};
 
 pub use goals::{Figure, GOALS, Goal, Limit};
 pub use page::{MarkdownPage, PageError, markdown, web_page};
 
-/// People in the experiments, by seeds from 1; in a quick look, and in all
+/// Number of people in the experiments, with seeds from 1; in a quick and in a full run
 const PEOPLE: [u64; 2] = [6, 20];
 
-/// How much is done
+/// Extent of a run
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Effort {
-    /// A look of less than a minute
+    /// A run of less than a minute
     Quick,
-    /// All of it
+    /// A full run
     #[default]
-    Whole,
+    Full,
 }
 
 impl Effort {
-    fn pick<T>(self, quick: T, whole: T) -> T {
+    fn pick<T>(self, quick: T, full: T) -> T {
         match self {
             Effort::Quick => quick,
-            Effort::Whole => whole,
+            Effort::Full => full,
         }
     }
 }
 
-/// What is to be run
+/// Options of a run
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Options {
-    /// How much is done
+    /// Extent of the run
     pub effort: Effort,
-    /// Names of the experiments; all without any
+    /// Names of the selected experiments; empty for all
     pub only: Vec<String>,
-    /// Folders of real photos with truth, which join the segmentation
+    /// Folders of real photos with ground truth, added to the segmentation
     pub photos: Vec<PathBuf>,
 }
 
-/// A picture with what it shows
+/// A picture with its caption
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
-    /// Its file is called so
+    /// Stem of its file name
     pub name: &'static str,
-    /// What it shows
+    /// Caption
     pub caption: String,
     /// The picture
     pub photo: Photo,
 }
 
-/// What one experiment found
+/// Result of one experiment
 #[derive(Debug, Clone)]
 pub struct Experiment {
-    /// What it is called on the command line
+    /// Name on the command line
     pub name: &'static str,
-    /// What it is called on the page
+    /// Title on the page
     pub title: &'static str,
-    /// How the paper is read, and what is done
+    /// Interpretation of the paper, and description of the experiment
     pub reading: Vec<&'static str>,
-    /// What is compared with published figures
+    /// Figures that are compared with published ones
     pub figures: Vec<(Figure, f64)>,
-    /// The whole result
+    /// The complete results
     pub tables: Vec<Table>,
     /// Pictures
     pub pictures: Vec<Picture>,
-    /// Every trial, for programs
+    /// Every trial, as JSON
     pub values: Vec<Value>,
 }
 
-/// What all experiments found
+/// Results of all experiments
 #[derive(Debug, Clone)]
 pub struct Results {
-    /// How much was done
+    /// Extent of the run
     pub effort: Effort,
-    /// In the order of the page
+    /// Experiments in the order of the page
     pub experiments: Vec<Experiment>,
 }
 
-/// Runs one experiment on the people
-type Run = fn(&[Person], Effort, &CancelToken, &mut Tell) -> Result<Experiment, StudyError>;
+/// Function that runs one experiment on the people
+type Run = fn(&[Person], Effort, &CancelToken, &mut OnStep) -> Result<Experiment, StudyError>;
 
 /// All experiments, by name
 const EXPERIMENTS: [(&str, Run); 5] = [
@@ -116,7 +116,7 @@ const EXPERIMENTS: [(&str, Run); 5] = [
     ("reconstruction", reconstruction::run),
 ];
 
-/// Names of all experiments, in the order of the page
+/// Returns the names of all experiments, in the order of the page
 pub fn names() -> [&'static str; EXPERIMENTS.len()] {
     EXPERIMENTS.map(|(name, _)| name)
 }
@@ -124,11 +124,11 @@ pub fn names() -> [&'static str; EXPERIMENTS.len()] {
 /// Runs the experiments
 ///
 /// # Errors
-/// When cancelled, a folder has no truth, or there is nothing to do.
+/// When cancelled, a folder has no ground truth, or no experiment is selected.
 pub fn run(
     options: &Options,
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
 ) -> Result<Results, ScoreError> {
     let wanted = |name: &str| options.only.is_empty() || options.only.iter().any(|o| o == name);
     let [few, all] = PEOPLE;
@@ -139,7 +139,7 @@ pub fn run(
     let mut experiments = Vec::new();
     for (name, run) in EXPERIMENTS.iter().filter(|(name, _)| wanted(name)) {
         let mut named = |step: Step| {
-            tell(Step {
+            on_step(Step {
                 text: format!("{name}: {}", step.text),
                 ..step
             });
@@ -147,7 +147,7 @@ pub fn run(
         experiments.push(run(&people, options.effort, cancel, &mut named)?);
     }
     if !options.photos.is_empty() {
-        experiments.push(photos(&options.photos, cancel, tell)?);
+        experiments.push(photos(&options.photos, cancel, on_step)?);
     }
     if experiments.is_empty() {
         return Err(StudyError::Nothing.into());
@@ -158,13 +158,13 @@ pub fn run(
     })
 }
 
-/// Real photos with masks, each segmented by itself
+/// Segments real photos with masks, independently
 fn photos(
     folders: &[PathBuf],
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
 ) -> Result<Experiment, ScoreError> {
-    let scores = score_photos(&with_truth(folders)?, cancel, tell)?;
+    let scores = score_photos(&with_truth(folders)?, cancel, on_step)?;
     let overlaps: Vec<f64> = scores.iter().map(|score| score.iou).collect();
     let passed = overlaps
         .iter()
@@ -174,8 +174,8 @@ fn photos(
         name: "photos",
         title: "Segmentation of given photos",
         reading: vec![
-            "Each photo is segmented by itself, from its keypoints, and compared with the mask in the folder `truth`. It \
-             passes as rendered ones do.",
+            "Each photo is segmented separately, from its keypoints, and compared with the mask in the folder `truth`. The \
+             criterion for passing is that of rendered photos.",
         ],
         figures: vec![
             (
@@ -197,7 +197,7 @@ fn photos(
 }
 
 impl Results {
-    /// All figures with their goals, in the order of the goals
+    /// Returns all figures with their goals, in the order of the goals
     pub fn figures(&self) -> Vec<(&'static Goal, f64)> {
         let all: Vec<&(Figure, f64)> = self.experiments.iter().flat_map(|e| &e.figures).collect();
         GOALS
@@ -209,7 +209,7 @@ impl Results {
             .collect()
     }
 
-    /// The figures that fall short of their goals, one line each
+    /// Returns the figures that miss their goals, one line each
     pub fn shortfalls(&self) -> Vec<String> {
         let short = self.figures().into_iter();
         short
@@ -221,14 +221,12 @@ impl Results {
             .collect()
     }
 
-    /// Our figures beside the published ones
+    /// Returns a table of our figures and the published ones
     pub fn summary(&self) -> Table {
         let mut table = Table::new(
             match self.effort {
-                Effort::Quick => {
-                    "The published results, ours beside them (a quick look: few people)"
-                }
-                Effort::Whole => "The published results, ours beside them",
+                Effort::Quick => "Published results and ours (quick run: few people)",
+                Effort::Full => "Published results and ours",
             },
             &["result", "published", "must be", "ours", ""],
         );
@@ -251,7 +249,7 @@ impl Results {
         table
     }
 
-    /// Everything but the pictures, for programs
+    /// Returns all results except the pictures as JSON
     pub fn to_json(&self) -> Value {
         let figures = self.figures();
         let figures = figures.iter().map(|(goal, value)| goal.to_json(*value));
@@ -280,7 +278,7 @@ impl std::fmt::Display for Results {
     }
 }
 
-/// The camera of all experiments: 800 x 1000 px, about 830 of which are the person
+/// Returns the camera of all experiments: 800 x 1000 px, with a person of about 830 px
 fn camera_of(stature_mm: f64) -> Camera {
     SyntheticOptions::camera_for(stature_mm, 800, 1000)
 }

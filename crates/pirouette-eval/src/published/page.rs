@@ -1,4 +1,4 @@
-//! The results as pages: Markdown with pictures beside it, and HTML that needs no other file.
+//! The results as pages: Markdown with separate pictures, and self-contained HTML.
 
 use std::fmt::Write;
 
@@ -9,15 +9,15 @@ use thiserror::Error;
 use super::{Experiment, Picture, Results};
 use crate::table::{Cell, Table};
 
-/// Why there is no page
+/// Why a page cannot be written
 #[derive(Debug, Error)]
 pub enum PageError {
-    /// A picture has no file
+    /// A picture cannot be encoded
     #[error("the picture {name} cannot be encoded")]
     Picture {
-        /// Its name
+        /// Name of the picture
         name: &'static str,
-        /// Why
+        /// Cause
         source: Box<dyn std::error::Error + Send + Sync>,
     },
 }
@@ -25,15 +25,15 @@ pub enum PageError {
 const TITLE: &str = "Results";
 
 const ABOUT: [&str; 3] = [
-    "What was published in Zwettler et al., \"Three-step Alignment Approach for Fitting a Normalized Mask of a Person \
-     Rotating in A-Pose or T-Pose\" (VISAPP 2021), run again on people of our own, with our figures beside the published \
-     ones. `pirouette eval` wrote this page; all seeds are fixed. Times depend on the machine, and the last digits of other \
-     figures may do so.",
-    "Our people are rendered: mannequins of random sex, stature and mass, whose surfaces are displaced by random smooth \
-     fields, so that no mannequin has their shape. They are no claim about photos of anybody, and the published figures are \
-     of other people and pictures: a comparison of numbers, not of the same experiment.",
-    "Every experiment comes with the same code run with one part left out. In pictures, red is what was found but is not \
-     true, blue is what is true but was not found.",
+    "The results published in Zwettler et al., \"Three-step Alignment Approach for Fitting a Normalized Mask of a Person \
+     Rotating in A-Pose or T-Pose\" (VISAPP 2021), reproduced with rendered people, and compared with the published figures. \
+     `pirouette eval` generates this page; all seeds are fixed. Times depend on the machine, and so may the last digits of other \
+     figures.",
+    "The people are rendered: mannequins of random sex, stature and mass, whose surfaces are displaced by random smooth \
+     fields, so that no mannequin has their shape. The results are not a claim about photos of real people, and the published \
+     figures are of other people and pictures: a comparison of numbers, not of the same experiment.",
+    "Every experiment also runs the same code with one part disabled. In pictures, red marks pixels that were found but are \
+     not true, blue marks true pixels that were not found.",
 ];
 
 /// A page as Markdown, and its pictures
@@ -47,7 +47,7 @@ pub struct MarkdownPage {
 
 /// Writes the page as Markdown
 ///
-/// Pictures belong to a folder whose relative address is `folder`.
+/// Links of pictures are relative to `folder`.
 ///
 /// # Errors
 /// When a picture cannot be encoded.
@@ -77,8 +77,8 @@ pub fn markdown(results: &Results, folder: &str) -> Result<MarkdownPage, PageErr
             files.push((file, png(picture)?));
         }
     }
-    let whole = text.trim_end().len();
-    text.truncate(whole);
+    let end = text.trim_end().len();
+    text.truncate(end);
     text.push('\n');
     Ok(MarkdownPage {
         text,
@@ -120,7 +120,7 @@ figcaption { opacity: .8; }
 footer { margin-top: 3rem; opacity: .7; }
 ";
 
-/// The page as HTML with the pictures in it; it loads nothing
+/// Writes the page as HTML with embedded pictures; it loads no other content
 ///
 /// # Errors
 /// When a picture cannot be encoded.
@@ -230,7 +230,7 @@ fn push(text: &mut String, more: std::fmt::Arguments) {
     let _ = text.write_fmt(more);
 }
 
-/// A paragraph, with what stands in backquotes as code
+/// Formats a paragraph, with text in backquotes as code
 fn prose(text: &str) -> String {
     let mut html = String::new();
     for (index, part) in text.split('`').enumerate() {
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn the_web_page_stands_alone_and_escapes() {
+    fn the_web_page_is_self_contained_and_escaped() {
         let html = web_page(&results(0.1)).unwrap();
         assert!(html.contains("by &lt;angle&gt;") && html.contains("<code>so</code> &amp; so."));
         assert!(html.contains("src=\"data:image/png;base64,"));
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn what_falls_short_is_named() {
+    fn missed_goals_are_listed() {
         assert!(results(0.1).shortfalls().is_empty());
         let short = results(0.7).shortfalls();
         assert_eq!(

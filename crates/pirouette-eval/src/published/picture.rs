@@ -10,10 +10,10 @@ const TOO_MUCH: [u8; 3] = [225, 60, 50];
 /// True, but not found
 const MISSING: [u8; 3] = [40, 90, 220];
 
-/// Columns and rows are this many times fewer
+/// Factor by which columns and rows are reduced
 const SHRINK: usize = 3;
 
-/// A mask over another one: what only the first has is red, what only the second has is blue
+/// Draws a mask over another one: red for pixels of the first only, blue for pixels of the second only
 pub(super) fn difference(found: &Mask, truth: &Mask) -> Photo {
     Grid::from_fn(found.width(), found.height(), |x, y| {
         let of = |mask: &Mask| mask.get(x as isize, y as isize).is_some_and(|&m| m);
@@ -26,7 +26,7 @@ pub(super) fn difference(found: &Mask, truth: &Mask) -> Photo {
     })
 }
 
-/// A photo with all that is not in the mask paled
+/// Draws a photo with all pixels outside the mask paled
 pub(super) fn cut_out(photo: &Photo, mask: &Mask) -> Photo {
     Grid::from_fn(photo.width(), photo.height(), |x, y| {
         let inside = mask.get(x as isize, y as isize).is_some_and(|&m| m);
@@ -39,9 +39,9 @@ pub(super) fn cut_out(photo: &Photo, mask: &Mask) -> Photo {
     })
 }
 
-/// Pictures beside each other, shrunk to a third
+/// Arranges pictures in a row, shrunk to a third
 ///
-/// Colored pixels are what matters: a shrunk pixel takes the mean of the colored ones if there are any.
+/// A shrunk pixel is the mean of its colored pixels if there are any, so that these remain visible.
 pub(super) fn side_by_side(parts: &[&Photo]) -> Photo {
     let width: usize = parts.iter().map(|p| p.width() / SHRINK).sum();
     let height = parts.iter().map(|p| p.height() / SHRINK).max().unwrap_or(0);
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn single_pixels_that_differ_stay_in_sight() {
+    fn single_differing_pixels_remain_visible() {
         let truth = Mask::from_art("...... ...... ...###");
         let found = Mask::from_art("...... .#.... ....##");
         let sheet = side_by_side(&[&difference(&found, &truth), &difference(&truth, &truth)]);

@@ -1,4 +1,4 @@
-//! 3D reconstruction: what each step brings.
+//! 3D reconstruction: effect of each step.
 
 use pirouette::carve::{CarveOptions, CarveView, carve};
 use pirouette::measure::{Measure, measure_figure};
@@ -22,7 +22,7 @@ use crate::score::surface::surface_error;
 use crate::score::volume::volume_iou;
 use crate::table::{Cell, Table, mean};
 use crate::trial::GIRTHS;
-use crate::{StudyError, Tell, do_all};
+use crate::{OnStep, StudyError, do_all};
 
 const VIEWS: usize = 8;
 
@@ -33,10 +33,10 @@ const LEVELS: [Measure; GIRTHS.len()] = [
     Measure::HipHeight,
 ];
 
-/// How a body comes about
+/// Construction of a body
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Case {
-    /// The hull of the silhouettes as photographed
+    /// The hull of the segmented silhouettes
     NotAligned,
     /// ... deformed by the published alignment (eq. 1)
     Aligned,
@@ -50,7 +50,7 @@ enum Case {
     Shared,
     SharedRegistered,
     SharedRefined,
-    /// The hull of silhouettes that the fitted body leads to the reference pose
+    /// The hull of silhouettes that the fitted body transforms to the reference pose
     FitHull,
     /// The fitted body
     Fit,
@@ -85,7 +85,7 @@ impl Case {
         }
     }
 
-    /// Steps of the cases that deform view by view
+    /// Returns the steps of the cases that deform each view separately
     fn options(self) -> Option<NormalizeOptions> {
         let (method, register, refine) = match self {
             Case::NotAligned | Case::FitHull | Case::Fit => return None,
@@ -106,7 +106,7 @@ impl Case {
     }
 }
 
-/// How well one body is
+/// Score of one body
 #[derive(Debug, Clone, Copy, Default)]
 struct Score {
     volume_iou: Option<f64>,
@@ -114,7 +114,7 @@ struct Score {
     girths_pct: [Option<f64>; GIRTHS.len()],
 }
 
-/// Reconstructs people who sway in eight views, step by step
+/// Reconstructs people who sway, in eight views, step by step
 ///
 /// # Errors
 /// When cancelled.
@@ -122,11 +122,11 @@ pub(super) fn run(
     people: &[Person],
     effort: Effort,
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
 ) -> Result<Experiment, StudyError> {
     let people = &people[..people.len().min(effort.pick(2, 12))];
     let jobs: Vec<(usize, &Person)> = people.iter().enumerate().collect();
-    let scores = do_all(&jobs, cancel, tell, |&(index, person)| {
+    let scores = do_all(&jobs, cancel, on_step, |&(index, person)| {
         let bodies = bodies_of(person, cancel);
         let scores = bodies.each_ref().map(|body| score(person, body.as_ref()));
         let picture = (index == 0).then(|| picture_of(person, &bodies));
@@ -175,15 +175,15 @@ pub(super) fn run(
         title: "3D reconstruction",
         reading: vec![
             "The paper shows pictures of bodies carved from silhouettes that were not aligned, aligned, registered and \
-             refined, and gives no figures. Here people who sway are seen in eight views; their true silhouettes are \
-             given, so that only the steps after segmentation count, and their noisy keypoints. The reference of the \
+             refined, and gives no figures. Here, people with sway are rendered in eight views; their true silhouettes are \
+             given, so that only the steps after segmentation matter, and noisy keypoints. The reference of the \
              published steps is a neutral mannequin of the person's stature.",
-            "Surface is the mean distance between found and true body, both ways, after a shift and a turn about the \
-             vertical; the volume's intersection over union is taken in the same place. Girths are tape lengths at the \
-             true heights of bust, waist and hip, against the true ones. A hull of eight views is too large by nature: \
-             opposite views see the same outline, so that a circle becomes an octagon, 5.5 % longer around.",
-            "Below the published steps stand the same steps after an alignment of all views by one skeleton in space: \
-             what registration and refinement still bring there, or take.",
+            "Surface is the mean distance between the reconstructed and the true body, in both directions, after a shift and a turn \
+             about the vertical; the intersection over union of the volumes has the same alignment. Girths are tape lengths at the \
+             true heights of bust, waist and hip, compared with the true ones. A hull of eight views is systematically too large: \
+             opposite views see the same outline, so that a circle becomes an octagon with a 5.5 % larger perimeter.",
+            "Further rows contain the same steps after an alignment of all views by one skeleton in space, and the effect of \
+             registration and refinement there.",
         ],
         figures: Vec::new(),
         values: values.collect(),
@@ -208,7 +208,7 @@ impl Score {
     }
 }
 
-/// The bodies of all cases, where there is one
+/// Returns the bodies of all cases, `None` where reconstruction failed
 fn bodies_of(person: &Person, cancel: &CancelToken) -> [Option<TriMesh>; Case::ALL.len()] {
     let scan = person.photograph(VIEWS, 1.0, false);
     let job = |method, goal, hull| {
@@ -217,7 +217,7 @@ fn bodies_of(person: &Person, cancel: &CancelToken) -> [Option<TriMesh>; Case::A
         run_job(&scan.scan, &config, cancel, &mut |_| {}).ok()
     };
     let fit = job(Method::Fit, Goal::Reconstruct, true);
-    // The published steps, but for the last ones, which each case takes by itself.
+    // The published steps, except for the last ones, which depend on the case.
     let skeleton = job(Method::ThreeStep, Goal::Segment, false);
     Case::ALL.map(|case| match case {
         Case::Fit => fit.as_ref()?.body.clone(),
@@ -226,7 +226,7 @@ fn bodies_of(person: &Person, cancel: &CancelToken) -> [Option<TriMesh>; Case::A
     })
 }
 
-/// The hull of the silhouettes as one case has them
+/// Carves the hull of the silhouettes of one case
 fn hull(case: Case, report: &Report) -> Option<TriMesh> {
     let skeleton = report.skeleton.as_ref()?;
     let reference = reference_of(case, report, skeleton);
@@ -255,7 +255,7 @@ fn hull(case: Case, report: &Report) -> Option<TriMesh> {
     carve(&views, &CarveOptions::default()).ok()
 }
 
-/// The published steps know the person's proportions from the photo alone; one skeleton for all views has them
+/// Returns the reference: the published steps estimate proportions from single photos, one skeleton from all views
 fn reference_of<'a>(case: Case, report: &'a Report, skeleton: &'a Skeleton) -> &'a Avatar {
     match case {
         Case::Shared | Case::SharedRegistered | Case::SharedRefined => &skeleton.avatar,
@@ -267,8 +267,8 @@ fn score(person: &Person, body: Option<&TriMesh>) -> Score {
     let Some(body) = body else {
         return Score::default();
     };
-    let truth = &person.figure.mesh;
-    let true_measures = measure_figure(&person.figure);
+    let truth = &person.avatar.mesh;
+    let true_measures = measure_figure(&person.avatar);
     let true_value = |measure: Measure| {
         let mut all = true_measures.iter();
         all.find(|(m, _)| *m == measure).map(|(_, value)| *value)
@@ -284,7 +284,7 @@ fn score(person: &Person, body: Option<&TriMesh>) -> Score {
     }
 }
 
-/// Bodies of the main cases over the true one, from the front and from the side
+/// Draws the bodies of the main cases over the true one, from the front and from the side
 fn picture_of(person: &Person, bodies: &[Option<TriMesh>]) -> Picture {
     let shown = [
         Case::NotAligned,
@@ -294,10 +294,10 @@ fn picture_of(person: &Person, bodies: &[Option<TriMesh>]) -> Picture {
         Case::Shared,
         Case::Fit,
     ];
-    let camera = camera_of(person.figure.stature_mm());
+    let camera = camera_of(person.avatar.stature_mm());
     let seen = |mesh: &TriMesh, degrees: f64| {
         let turn = TurnAngle::from_degrees(degrees);
-        let posed = pose_bones(&person.figure.bone_heads, &Pose::default(), turn);
+        let posed = pose_bones(&person.avatar.bone_heads, &Pose::default(), turn);
         let root = posed.transforms[Bone::Root];
         let positions: Vec<_> = mesh
             .positions
@@ -310,9 +310,9 @@ fn picture_of(person: &Person, bodies: &[Option<TriMesh>]) -> Picture {
         .iter()
         .filter_map(|case| bodies[*case as usize].as_ref())
         .map(|body| {
-            // Between two views, where a hull shows what it filled
+            // Between two views, where the hull differs most
             let degrees = 22.5;
-            difference(&seen(body, degrees), &seen(&person.figure.mesh, degrees))
+            difference(&seen(body, degrees), &seen(&person.avatar.mesh, degrees))
         })
         .collect();
     let names: Vec<&str> = shown.iter().map(|case| case.name()).collect();
@@ -331,9 +331,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_true_body_scores_as_true() {
+    fn the_true_body_has_no_error() {
         let person = Person::new(4).unwrap();
-        let score = score(&person, Some(&person.figure.mesh));
+        let score = score(&person, Some(&person.avatar.mesh));
         assert!(score.volume_iou.unwrap() > 0.99);
         assert!(score.mean_mm.unwrap() < 0.5);
         for girth in score.girths_pct {
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn cases_are_in_the_order_of_their_numbers_and_differ() {
+    fn cases_are_in_order_and_differ() {
         for (index, case) in Case::ALL.iter().enumerate() {
             assert_eq!(*case as usize, index);
             let same = Case::ALL.iter().filter(|c| c.options() == case.options());

@@ -19,25 +19,25 @@ use super::picture::{difference, side_by_side};
 use super::{Effort, Experiment, Figure, Picture, camera_of};
 use crate::people::Person;
 use crate::table::{Cell, Table, mean, percentile};
-use crate::{StudyError, Tell, do_all};
+use crate::{OnStep, StudyError, do_all};
 
-/// Both angles are evenly spread up to this, to either side, in degrees
+/// Both angles are uniformly distributed up to this value in both directions, in degrees
 const REACH_DEGREES: f64 = 25.0;
 
-/// The camera of the main row stands so many times farther away than usual, with a lens as much longer
+/// Factor on the distance and the focal length of the camera of the main row
 ///
-/// Then a turn of the arm about the line of sight is a turn of the plane, as the method has it. At 50 the forearm is still
-/// off by 0.04 degrees.
+/// At this distance, a turn of the arm about the line of sight is a rotation of the plane, as the method assumes. With
+/// a factor of 50 the error of the forearm is still 0.04 degrees.
 const FAR: f64 = 2000.0;
 
 const SEED: u64 = 0xbe4d_0003;
 
-/// What is refined, and how
+/// Condition of the refinement
 #[derive(Debug, Clone, Copy)]
 struct Condition {
     name: &'static str,
     far: bool,
-    /// Standard deviation of the joints from where they are, in px
+    /// Standard deviation of the joints from their true positions, in px
     joint_noise_px: f64,
     options: fn() -> RefineOptions,
 }
@@ -84,12 +84,12 @@ struct Trial {
     person: u64,
     limb: Limb,
     true_degrees: [f64; 2],
-    /// Of each condition
+    /// Angles found in each condition
     found_degrees: Vec<Option<[f64; 2]>>,
     picture: Option<Picture>,
 }
 
-/// Bends one arm of a silhouette at shoulder and elbow, and lets the refinement bend it back
+/// Bends one arm of a silhouette at shoulder and elbow, and refines it to the original pose
 ///
 /// # Errors
 /// When cancelled.
@@ -97,11 +97,11 @@ pub(super) fn run(
     people: &[Person],
     effort: Effort,
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
 ) -> Result<Experiment, StudyError> {
     let count = effort.pick(40, 200);
     let jobs: Vec<(u64, &Person)> = (0..count).zip(people.iter().cycle()).collect();
-    let trials = do_all(&jobs, cancel, tell, |&(number, person)| {
+    let trials = do_all(&jobs, cancel, on_step, |&(number, person)| {
         let trial = try_once(number, person);
         let off = trial.deviation(0);
         let text = off.map_or("not found".into(), |[a, b]| format!("{a:.3}° and {b:.3}°"));
@@ -109,7 +109,7 @@ pub(super) fn run(
     })?;
     let mut table = Table::new(
         format!(
-            "Deviation in degrees, {} pairs, one thing otherwise",
+            "Deviation in degrees, {} pairs, one change per row",
             trials.len()
         ),
         &[
@@ -140,7 +140,7 @@ pub(super) fn run(
         }
         table.rows.push(row);
         if index == 0 {
-            // What was not found is off by what was asked for.
+            // A limb that was not found has the full angle as its error.
             let all = |angle: usize| {
                 let values = trials.iter().map(|t| match t.deviation(0) {
                     Some(found) => found[angle],
@@ -157,12 +157,12 @@ pub(super) fn run(
         title: "Table 3: limb angles",
         reading: vec![
             "One arm of a person who faces the camera is bent at the shoulder and, in addition, at the elbow, by two \
-             angles that are evenly spread over ±25 degrees; the refinement has to bend the silhouette back to the one \
-             without the bends. Deviations are magnitudes: the signs in the published table do not agree with its means.",
-            "The bones are bent in space about the line of sight, the skin follows, and a far camera looks on, so that \
-             the bends are turns of the plane about the joints that are given, as the method has it. Lower rows tell what \
-             becomes of it in practice: detectors miss joints by some pixels, and for a camera at 2 m the bends are no \
-             turns of the plane.",
+             angles uniformly distributed over ±25 degrees; the refinement has to bend the silhouette back to the one \
+             without the bends. Deviations are magnitudes: the signs in the published table are inconsistent with its means.",
+            "The bones are bent in space about the line of sight, the skin follows, and the camera is far away, so that the bends \
+             are rotations of the plane about the given joints, as the method assumes. The further rows show the effect of practical \
+             conditions: detected joints are off by some pixels, and with a camera at 2 m the bends are not rotations of the \
+             plane.",
         ],
         figures,
         values: trials.iter().map(Trial::to_json).collect(),
@@ -172,7 +172,7 @@ pub(super) fn run(
 }
 
 impl Trial {
-    /// Magnitudes in one condition, in degrees
+    /// Returns the magnitudes of the errors in one condition, in degrees
     fn deviation(&self, condition: usize) -> Option<[f64; 2]> {
         let found = self.found_degrees[condition]?;
         Some([0, 1].map(|i| (found[i] - self.true_degrees[i]).abs()))
@@ -200,10 +200,10 @@ fn try_once(number: u64, person: &Person) -> Trial {
     };
     let mut pose = Pose::default();
     for (bone, degrees) in bones.into_iter().zip(true_degrees) {
-        // Clockwise in the picture is negative about the axis to the camera. What is found leads back.
+        // A clockwise turn in the picture is negative about the axis to the camera. The result is the inverse.
         pose.rotations[bone] = DVec3::Z * degrees.to_radians();
     }
-    let near = camera_of(person.figure.stature_mm());
+    let near = camera_of(person.avatar.stature_mm());
     let far = Camera {
         distance_mm: FAR * near.distance_mm,
         vertical_fov_radians: 2.0 * ((near.vertical_fov_radians / 2.0).tan() / FAR).atan(),
@@ -212,7 +212,7 @@ fn try_once(number: u64, person: &Person) -> Trial {
     let scenes = [far, near].map(|camera| {
         let [straight, bent] =
             [&Pose::default(), &pose].map(|pose| coverage(person, pose, &camera));
-        let joints = shared_skeleton_joints(&person.figure, &pose, TurnAngle::default(), &camera);
+        let joints = shared_skeleton_joints(&person.avatar, &pose, TurnAngle::default(), &camera);
         (straight, bent, joints.photo)
     });
     let mut picture = None;
@@ -270,9 +270,9 @@ fn picture_of(
 }
 
 fn coverage(person: &Person, pose: &Pose, camera: &Camera) -> Grid<f32> {
-    let figure = &person.figure;
-    let positions = figure.posed(pose, TurnAngle::default()).positions;
-    silhouette(&positions, &figure.mesh.triangles, camera)
+    let avatar = &person.avatar;
+    let positions = avatar.posed(pose, TurnAngle::default()).positions;
+    silhouette(&positions, &avatar.mesh.triangles, camera)
 }
 
 #[cfg(test)]
@@ -280,7 +280,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn angles_are_those_of_the_picture() {
+    fn angles_are_measured_in_the_picture() {
         let person = Person::new(1).unwrap();
         for number in [0, 1] {
             let trial = try_once(number, &person);

@@ -26,33 +26,33 @@ use super::picture::{difference, side_by_side};
 use super::{Effort, Experiment, Figure, Picture, camera_of};
 use crate::people::Person;
 use crate::table::{Cell, Table, mean, percentile};
-use crate::{StudyError, Tell, do_all};
+use crate::{OnStep, StudyError, do_all};
 
 /// Turn angles, in degrees
 const ANGLES: [u16; 8] = [0, 45, 90, 135, 180, 225, 270, 315];
 
-/// Silhouettes are shifted by up to this in x and in y, in px ...
+/// Largest shift of silhouettes in x and in y, in px
 const SHIFT_PX: f64 = 20.0;
 
-/// ... and turned by up to this, in degrees
+/// Largest rotation of silhouettes, in degrees
 const TURN_DEGREES: f64 = 5.0;
 
-/// Arms that sway are bent at each joint by this standard deviation, in degrees ...
+/// Standard deviation of the bend of each arm joint of people with sway, in degrees
 const ARM_DEGREES: f64 = 3.0;
 
-/// ... and legs by this
+/// Standard deviation of the bend of each leg joint, in degrees
 const LEG_DEGREES: f64 = 0.5;
 
-/// The time of a registration is the least of so many runs: the machine does other things, too
+/// The time of a registration is the minimum of this number of runs, since other programs use the machine, too
 const TIMED_RUNS: usize = 3;
 
-/// Body mass index by which another build differs
+/// Difference of the body mass index of another build
 const OTHER_BMI: f64 = 6.0;
 
-/// Distance of the contour points, in px, as the method takes them
+/// Distance of the contour points, in px, as in the method
 const SPACING_PX: f64 = 2.0;
 
-/// Optima that differ by less than this are the same, in px of mean distance
+/// Optima with a smaller difference are equal, in px of mean distance
 const SAME_OPTIMUM_PX: f64 = 1e-3;
 
 const SEED: u64 = 0x7e91_0002;
@@ -60,12 +60,12 @@ const SEED: u64 = 0x7e91_0002;
 /// Conditions with pictures
 const SHOWN: [Condition; 3] = [Condition::Same, Condition::OtherSex, Condition::OtherBuild];
 
-/// What is registered to what
+/// Registered silhouette and reference
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Condition {
     /// A person to the same person
     Same,
-    /// ... after arms and legs moved a little
+    /// ... with arms and legs moved slightly
     Bent,
     /// A mannequin to one of the other sex
     OtherSex,
@@ -94,10 +94,10 @@ impl Condition {
         }
     }
 
-    /// Who is registered, and to whom
-    fn figures(self, person: &Person) -> Option<(Avatar, Avatar)> {
-        let stature_mm = person.figure.stature_mm();
-        let figure = |sex, bmi: f64| {
+    /// Returns the registered avatar and the reference
+    fn avatars(self, person: &Person) -> Option<(Avatar, Avatar)> {
+        let stature_mm = person.avatar.stature_mm();
+        let avatar = |sex, bmi: f64| {
             let made = mannequin(&MannequinParameters {
                 sex,
                 stature_mm: Some(stature_mm),
@@ -106,7 +106,7 @@ impl Condition {
             });
             made.ok()
         };
-        let own = || person.figure.clone();
+        let own = || person.avatar.clone();
         match self {
             Condition::Same | Condition::Bent => Some((own(), own())),
             Condition::OtherSex => {
@@ -114,22 +114,22 @@ impl Condition {
                     Sex::Female => Sex::Male,
                     _ => Sex::Female,
                 };
-                Some((figure(person.sex, person.bmi)?, figure(other, person.bmi)?))
+                Some((avatar(person.sex, person.bmi)?, avatar(other, person.bmi)?))
             }
             Condition::OtherBuild => {
                 let heavier = person.bmi < 27.0;
                 let bmi = person.bmi + if heavier { OTHER_BMI } else { -OTHER_BMI };
-                Some((figure(person.sex, person.bmi)?, figure(person.sex, bmi)?))
+                Some((avatar(person.sex, person.bmi)?, avatar(person.sex, bmi)?))
             }
-            Condition::Stranger => Some((own(), figure(Sex::Neutral, DEFAULT_BMI)?)),
+            Condition::Stranger => Some((own(), avatar(Sex::Neutral, DEFAULT_BMI)?)),
         }
     }
 }
 
-/// One way to register
+/// Result of one registration method
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Outcome {
-    /// Mean distance of the contour points from where they belong, in px
+    /// Mean distance of the contour points from their true positions, in px
     error_px: f64,
     /// Mean distance to the reference contour, in px
     fitness_px: f64,
@@ -143,17 +143,17 @@ struct Trial {
     person: u64,
     before_px: f64,
     ours: Outcome,
-    /// With arms counting, too
+    /// Error including the arms
     arms_error_px: f64,
-    /// The published search with the fine map, and with a map of whole pixels
+    /// The published search with the fine map, and with a map of integer pixels
     published: Option<[Outcome; 2]>,
     map_milliseconds: f64,
-    /// In x and in y, in px, of the contour's centroid
+    /// Error of the contour's centroid in x and in y, in px
     off: DVec2,
     picture: Option<Picture>,
 }
 
-/// Moves silhouettes by known motions of the plane and registers them to a reference that has not moved
+/// Moves silhouettes by known motions of the plane and registers them to the unmoved reference
 ///
 /// # Errors
 /// When cancelled.
@@ -161,10 +161,10 @@ pub(super) fn run(
     people: &[Person],
     effort: Effort,
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
 ) -> Result<Experiment, StudyError> {
     let people = &people[..people.len().min(effort.pick(4, 20))];
-    // The slow twin runs for every so many-th person only.
+    // The slow published search runs for every n-th person only.
     let twin_every = effort.pick(4, 2);
     let jobs: Vec<(&Person, Condition, bool)> = people
         .iter()
@@ -176,7 +176,7 @@ pub(super) fn run(
             })
         })
         .collect();
-    let trials = do_all(&jobs, cancel, tell, |&(person, condition, twin)| {
+    let trials = do_all(&jobs, cancel, on_step, |&(person, condition, twin)| {
         let trials = register_person(person, condition, twin);
         let errors: Vec<f64> = trials.iter().map(|trial| trial.ours.error_px).collect();
         let error = mean(&errors).unwrap_or(f64::NAN);
@@ -209,23 +209,23 @@ pub(super) fn run(
         reading: vec![
             "Each person stands in the reference pose at eight turn angles. The silhouette is moved by a known random \
              motion (up to 20 px in x and in y, up to 5 degrees), drawn as a mask, traced, and registered to the \
-             reference silhouette, which has not moved. The error is the mean distance of the contour points from where \
-             they belong: it counts what is left of the rotation, too.",
-            "Two of the published errors of manual registration are not as long as their listed components in x and in y \
-             say. Ours are lengths of vectors; the parts in x and y are those of the contour's centroid, and the \
-             programs' output tells all of them.",
-            "For the other sex and another build both figures are mannequins in the same pose and of the same stature, as \
-             published ones are from one modeler: the person's sex and body mass index against the other sex, or against \
-             an index that differs by 6. Right is there what stands on the same spot of the floor: no motion makes the \
-             silhouettes equal. The last row is harder: a person with a shape and a posture of the own, as the steps \
-             before leave it, against the neutral mannequin; there most of the error is posture, and no motion of the \
-             plane undoes it. We read the published \"4.5 / 12.5 px\" as the means for the other sex and for another build.",
-            "Arms do not count in the registration, since people hold them differently and the refinement bends them \
-             anyway; one column tells what happens when they do.",
-            "Of the published search the paper tells 10 rounds of 11 x 11 x 11 candidates whose steps shrink by 0.9; the \
-             first steps are open (here 0.5 degrees and 1 px). It runs in the same process on the same contours, arms counted; what \
-             is compared as optimum is the published fitness, the mean distance of all contour points. Neither time \
-             contains the distance map, which is made once for each reference.",
+             unmoved reference silhouette. The error is the mean distance of the contour points from their true \
+             positions, which includes the remaining rotation.",
+            "For two of the published errors of manual registration, the length is inconsistent with the listed components in x and \
+             in y. Ours are lengths of vectors; the components in x and y are those of the contour's centroid, and the JSON output \
+             contains all of them.",
+            "For the other sex and another build, both avatars are mannequins in the same pose and of the same stature, as \
+             the published ones are from one modeler: the person's sex and body mass index against the other sex, or against \
+             an index that differs by 6. The true position is the same spot on the floor: no motion makes the \
+             silhouettes equal. The last row is harder: a person with an individual shape and posture, as given by the previous \
+             steps, against the neutral mannequin; most of its error is posture, and no motion of the \
+             plane corrects it. We interpret the published \"4.5 / 12.5 px\" as the means for the other sex and for another build.",
+            "Arms are ignored in the registration, since people hold them differently and the refinement bends them \
+             anyway; one column contains the error with arms.",
+            "Of the published search, the paper states 10 rounds of 11 x 11 x 11 candidates whose steps shrink by 0.9, but not the \
+             first steps (here 0.5 degrees and 1 px). It runs in the same process on the same contours, including the arms; the \
+             optima are compared by the published fitness, the mean distance of all contour points. Neither time \
+             contains the distance map, which is computed once for each reference.",
         ],
         figures: vec![
             (Figure::RegistrationMean, mean_of(&same)),
@@ -314,7 +314,7 @@ fn by_angle(trials: &[Trial]) -> Table {
 fn by_search(trials: &[Trial], compared: &[(Outcome, [Outcome; 2])]) -> Table {
     let mut table = Table::new(
         format!(
-            "Ours beside the published search, {} registrations to the same figure",
+            "Ours and the published search, {} registrations to the same figure",
             compared.len()
         ),
         &[
@@ -348,14 +348,15 @@ fn by_search(trials: &[Trial], compared: &[(Outcome, [Outcome; 2])]) -> Table {
             Cell::number(ratio, 0),
         ]);
     };
-    add("down the slope of the map (ours)", &ours);
+    add("descent on the map (ours)", &ours);
     let fine: Vec<Outcome> = compared.iter().map(|(_, [fine, _])| *fine).collect();
     add("exhaustive, same map", &fine);
-    let whole: Vec<Outcome> = compared.iter().map(|(_, [_, whole])| *whole).collect();
-    add("exhaustive, map of whole pixels", &whole);
+    let coarse: Vec<Outcome> = compared.iter().map(|(_, [_, coarse])| *coarse).collect();
+    add("exhaustive, map of integer pixels", &coarse);
     let maps: Vec<f64> = trials.iter().map(|t| t.map_milliseconds).collect();
     if let Some(map) = percentile(&maps, 0.5) {
-        let note = format!("The map itself, once for each reference: {map:.1} ms (median).");
+        let note =
+            format!("Computation of the map, once for each reference: {map:.1} ms (median).");
         table.notes.push(note);
     }
     table
@@ -376,21 +377,21 @@ impl Trial {
     }
 }
 
-/// All angles of one person
+/// Registers one person at all turn angles
 fn register_person(person: &Person, condition: Condition, twin: bool) -> Vec<Trial> {
-    let Some(figures) = condition.figures(person) else {
+    let Some(avatars) = condition.avatars(person) else {
         return Vec::new();
     };
     let angles = ANGLES.iter();
     angles
-        .map(|&degrees| register_once(person.seed, condition, &figures, degrees, twin))
+        .map(|&degrees| register_once(person.seed, condition, &avatars, degrees, twin))
         .collect()
 }
 
 fn register_once(
     seed: u64,
     condition: Condition,
-    (figure, reference): &(Avatar, Avatar),
+    (avatar, reference): &(Avatar, Avatar),
     degrees: u16,
     twin: bool,
 ) -> Trial {
@@ -419,16 +420,16 @@ fn register_once(
             pose.rotations[bone] = DVec3::new(bend(), 0.0, bend());
         }
     }
-    let camera = camera_of(figure.stature_mm());
+    let camera = camera_of(avatar.stature_mm());
     let turn = TurnAngle::from_degrees(f64::from(degrees));
-    let joints = shared_skeleton_joints(figure, &pose, turn, &camera).photo;
+    let joints = shared_skeleton_joints(avatar, &pose, turn, &camera).photo;
     let joints = joints.map(|p| Some(moved.apply(p)));
-    let coverage = |figure: &Avatar, pose: &Pose| -> Grid<f32> {
-        let positions = figure.posed(pose, turn).positions;
-        silhouette(&positions, &figure.mesh.triangles, &camera)
+    let coverage = |avatar: &Avatar, pose: &Pose| -> Grid<f32> {
+        let positions = avatar.posed(pose, turn).positions;
+        silhouette(&positions, &avatar.mesh.triangles, &camera)
     };
     let target = coverage(reference, &Pose::default());
-    let mask = drawn_moved(&coverage(figure, &pose), &moved);
+    let mask = drawn_moved(&coverage(avatar, &pose), &moved);
     let contour: Vec<DVec2> = trace_outline(&mask.map(|&m| f32::from(u8::from(m))), 0.5)
         .iter()
         .flat_map(|contour| contour.resample(SPACING_PX).points)
@@ -455,7 +456,7 @@ fn register_once(
         ));
         milliseconds = milliseconds.min(1e3 * start.elapsed().as_secs_f64());
     }
-    let found = found.expect("there are runs");
+    let found = found.expect("there is at least one run");
     let with_arms = RegisterOptions {
         arms: true,
         ..RegisterOptions::default()
@@ -477,14 +478,14 @@ fn register_once(
             }
         };
         let pixels = distance_to(&border(&target.threshold(0.5)));
-        let whole = |p: DVec2| {
+        let coarse = |p: DVec2| {
             let x = (p.x.max(0.0) as usize).min(pixels.width() - 1);
             let y = (p.y.max(0.0) as usize).min(pixels.height() - 1);
             f64::from(pixels[(x, y)])
         };
         [
             timed(&|| exhaustive::search(&contour, |p| map.distance_px(p))),
-            timed(&|| exhaustive::search(&contour, whole)),
+            timed(&|| exhaustive::search(&contour, coarse)),
         ]
     });
     let registered = || drawn_moved(&mask.map(|&m| f32::from(u8::from(m))), &found.motion());
@@ -521,7 +522,7 @@ fn register_once(
     }
 }
 
-/// A silhouette as a motion of the plane leaves it, as a mask
+/// Draws a silhouette, transformed by a motion of the plane, as a mask
 fn drawn_moved(coverage: &Grid<f32>, motion: &RigidMotion) -> Mask {
     let polygons: Vec<Vec<DVec2>> = trace_outline(coverage, 0.5)
         .into_iter()
@@ -530,7 +531,7 @@ fn drawn_moved(coverage: &Grid<f32>, motion: &RigidMotion) -> Mask {
     fill_polygons(coverage.width(), coverage.height(), &polygons).threshold(0.5)
 }
 
-/// The pixels of a mask that touch what is outside
+/// Returns the pixels of a mask that are adjacent to the outside
 fn border(mask: &Mask) -> Mask {
     Mask::from_fn(mask.width(), mask.height(), |x, y| {
         let (x, y) = (x as isize, y as isize);
@@ -545,20 +546,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn borders_are_what_touches_the_outside() {
+    fn borders_are_pixels_adjacent_to_the_outside() {
         let mask = Mask::from_art("##### ##### #####");
         assert_eq!(border(&mask).to_art(), "#####\n#...#\n#####\n");
     }
 
     #[test]
-    fn a_moved_silhouette_comes_back_as_exactly_as_with_the_slow_search_or_better() {
+    fn a_moved_silhouette_is_registered_at_least_as_accurately_as_by_the_slow_search() {
         let person = Person::new(2).unwrap();
-        let figures = Condition::Same.figures(&person).unwrap();
-        let trial = register_once(2, Condition::Same, &figures, 45, true);
-        let [fine, whole] = trial.published.unwrap();
+        let avatars = Condition::Same.avatars(&person).unwrap();
+        let trial = register_once(2, Condition::Same, &avatars, 45, true);
+        let [fine, coarse] = trial.published.unwrap();
         assert!(trial.before_px > 2.0);
         assert!(trial.ours.error_px < 0.2, "{:?}", trial.ours);
         assert!(trial.ours.fitness_px <= fine.fitness_px + SAME_OPTIMUM_PX);
-        assert!(fine.error_px < 3.0 && whole.error_px < 5.0);
+        assert!(fine.error_px < 3.0 && coarse.error_px < 5.0);
     }
 }

@@ -10,18 +10,18 @@ use super::picture::{cut_out, difference, side_by_side};
 use super::{Effort, Experiment, Figure, Picture};
 use crate::people::Person;
 use crate::table::{Cell, Table, percentile};
-use crate::{StudyError, Tell, do_all};
+use crate::{OnStep, StudyError, do_all};
 
-/// A photo passes when its silhouette overlaps the true one by at least this; the paper does not tell its own rule
+/// Minimum overlap of a silhouette with the true one for a photo to pass; the paper does not state its criterion
 pub(super) const PASS: f64 = 0.75;
 
-/// Photos of each person
+/// Number of photos per person
 const VIEWS: usize = 8;
 
-/// Leaves something out
+/// Disables a part of the segmentation
 type LeaveOut = fn(&mut SegmentOptions);
 
-/// Parts that are left out
+/// Disabled parts
 const VARIANTS: [(&str, LeaveOut); 7] = [
     ("nothing", |_| {}),
     ("avatar as prior (bones alone)", |o| {
@@ -50,10 +50,10 @@ const VARIANTS: [(&str, LeaveOut); 7] = [
     ),
 ];
 
-/// Segments the photos of people who turn in lived-in rooms
+/// Segments photos of people who turn in furnished rooms
 ///
-/// Keypoints are noisy, as detectors give them. The Jaccard index is that of the mask with the true silhouette; a photo
-/// without a mask counts as 0.
+/// Keypoints are noisy, as from a detector. The Jaccard index is that of the mask and the true silhouette; it is 0 for
+/// a photo without a mask.
 ///
 /// # Errors
 /// When cancelled.
@@ -61,12 +61,12 @@ pub(super) fn run(
     people: &[Person],
     effort: Effort,
     cancel: &CancelToken,
-    tell: &mut Tell,
+    on_step: &mut OnStep,
 ) -> Result<Experiment, StudyError> {
     let people = &people[..people.len().min(effort.pick(2, 20))];
     let ablated = effort.pick(0, 4).min(people.len());
     let jobs: Vec<(usize, &Person)> = people.iter().enumerate().collect();
-    let scores = do_all(&jobs, cancel, tell, |&(index, person)| {
+    let scores = do_all(&jobs, cancel, on_step, |&(index, person)| {
         let scan = person.photograph(VIEWS, 1.0, true);
         let count = if index < ablated { VARIANTS.len() } else { 1 };
         let mut picture = None;
@@ -134,11 +134,11 @@ pub(super) fn run(
         name: "segmentation",
         title: "Segmentation from skeleton seeds",
         reading: vec![
-            "Published are photos of people whose masks were drawn by hand; ours are renderings of people in lived-in \
-             rooms, whose silhouettes are known, with keypoints that are 3 px off. Rendered rooms are easier than \
+            "The published experiment has photos of people with masks drawn by hand; ours has renderings of people in furnished \
+             rooms, with known silhouettes and with keypoints that are 3 px off. Rendered rooms are easier than \
              streets: `--photos` scores real photos with masks in the same table.",
-            "The paper does not tell when a photo passed. Here it passes when there is a silhouette that overlaps the true \
-             one by 0.75.",
+            "The paper does not state the criterion for a photo to pass. Here, a photo passes if the Jaccard index of its silhouette \
+             is at least 0.75.",
         ],
         figures: vec![
             (
@@ -153,7 +153,7 @@ pub(super) fn run(
     })
 }
 
-/// The masks of all photos
+/// Returns the masks of all photos
 fn segment(scan: &SyntheticScan, leave_out: LeaveOut, cancel: &CancelToken) -> Vec<Option<Mask>> {
     let mut config = Config::new(Goal::Segment, Method::Fit);
     leave_out(&mut config.segment);
@@ -186,8 +186,9 @@ fn picture_of(scan: &SyntheticScan, masks: &[Option<Mask>]) -> Picture {
     let parts: Vec<_> = shown.iter().flatten().collect();
     Picture {
         name: "segmentation",
-        caption: "Two photos with what was found, and where it differs from the true silhouette"
-            .into(),
+        caption:
+            "Two photos with the segmented person, and the differences from the true silhouette"
+                .into(),
         photo: side_by_side(&parts),
     }
 }
@@ -197,7 +198,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_variant_leaves_something_out() {
+    fn every_variant_disables_a_part() {
         let usual = SegmentOptions::default();
         for (name, leave_out) in &VARIANTS[1..] {
             let mut options = usual;

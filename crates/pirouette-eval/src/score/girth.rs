@@ -4,15 +4,15 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::TriMesh;
 use pirouette_geom::section::{convex_hull, perimeter, plane_section};
 
-/// Loops of a section must be wider than this to be a trunk, in mm; arms and thighs are not
+/// Minimum width of a section loop of the trunk, in mm; arms and thighs are narrower
 const MIN_TRUNK_MM: f64 = 180.0;
 
-/// Vertices this near to the height tell where the trunk is, in mm
+/// Vertices within this distance of the height locate the trunk, in mm
 const LEVEL_SLACK_MM: f64 = 15.0;
 
-/// Tape length around the trunk at a height above the soles, in mm; `None` where there is no trunk
+/// Returns the tape length around the trunk at a height above the soles, in mm; `None` if there is no trunk
 ///
-/// Of several wide loops of the section, the one nearest to the middle of the surface at that height is taken.
+/// Of several wide loops of the section, the one nearest to the middle of the surface at that height is used.
 pub fn trunk_girth(body: &TriMesh, height_mm: f64) -> Option<f64> {
     let level = body.bounds()?.0.y + height_mm;
     let flat = |p: &DVec3| DVec2::new(p.x, p.z);
@@ -51,7 +51,7 @@ fn median(points: &[DVec2], axis: usize) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Upright prisms with square bases, as `(middle x, side, top)`
+    /// Builds upright prisms with square bases, given as `(middle x, side, top)`
     fn towers(towers: &[(f64, f64, f64)]) -> TriMesh {
         let mut mesh = TriMesh::default();
         for &(x, side, top) in towers {
@@ -78,15 +78,15 @@ mod tests {
     }
 
     #[test]
-    fn a_trunk_counts_and_an_arm_beside_it_does_not() {
-        // Vertices at the asked height come from the low wide tower's top.
+    fn the_trunk_is_measured_without_the_arm_next_to_it() {
+        // Vertices at the queried height are those of the low wide tower's top.
         let body = towers(&[(0.0, 250.0, 1000.0), (300.0, 100.0, 1000.0)]);
         let girth = trunk_girth(&body, 990.0);
         assert!((girth.unwrap() - 1000.0).abs() < 1e-9, "{girth:?}");
     }
 
     #[test]
-    fn where_all_is_thin_there_is_no_trunk() {
+    fn a_narrow_section_is_not_a_trunk() {
         let body = towers(&[(0.0, 100.0, 1000.0)]);
         assert_eq!(trunk_girth(&body, 995.0), None);
         assert_eq!(trunk_girth(&TriMesh::default(), 995.0), None);

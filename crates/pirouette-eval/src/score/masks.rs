@@ -2,13 +2,13 @@
 
 use pirouette_geom::Mask;
 
-/// First search for the best shift goes this far in both directions, in px of the halved mask
+/// Range of the first search for the best shift in both directions, in px of the halved mask
 const REACH_PX: isize = 24;
 
-/// Step of the first search; each later one halves it
+/// Step of the first search; each further search halves it
 const FIRST_STEP_PX: isize = 16;
 
-/// A mask of half the size: pixels of which at least half is inside
+/// Returns a mask of half the size; pixels of which at least half is inside are foreground
 pub fn halved(mask: &Mask) -> Mask {
     let (width, height) = (mask.width().div_ceil(2), mask.height().div_ceil(2));
     Mask::from_fn(width, height, |x, y| {
@@ -24,10 +24,9 @@ pub fn halved(mask: &Mask) -> Mask {
     })
 }
 
-/// Mean overlap (intersection over union) of pairs, the first of each moved by the one shift that is best for all
+/// Computes the mean overlap (intersection over union) of pairs, the first of each moved by one common best shift
 ///
-/// A search from coarse to fine, not of all shifts. Pairs of different sizes overlap by nothing; no pairs have no
-/// overlap.
+/// The search is coarse to fine, not exhaustive. Pairs of different sizes have an overlap of 0; `None` without pairs.
 pub fn best_shift_iou(pairs: &[(Mask, Mask)]) -> Option<f64> {
     if pairs.is_empty() {
         return None;
@@ -54,7 +53,7 @@ pub fn best_shift_iou(pairs: &[(Mask, Mask)]) -> Option<f64> {
     Some(best)
 }
 
-/// Overlap of a mask moved by whole pixels with another one; what leaves the picture is lost
+/// Computes the overlap of a mask, shifted by integer pixels and clipped, with another one
 fn shifted_iou(moved: &Mask, other: &Mask, dx: isize, dy: isize) -> f64 {
     if !moved.same_size(other) {
         return 0.0;
@@ -89,30 +88,30 @@ mod tests {
     }
 
     #[test]
-    fn half_or_more_of_four_pixels_makes_one() {
+    fn at_least_two_of_four_pixels_make_one() {
         let mask = Mask::from_art("##.#.. .....#");
         assert_eq!(halved(&mask).to_art(), Mask::from_art("#..").to_art());
     }
 
     #[test]
-    fn a_moved_mask_overlaps_wholly() {
+    fn a_moved_mask_overlaps_completely() {
         let pair = (spot(90, 30, 20), spot(90, 41, 13));
         assert_eq!(best_shift_iou(&[pair]), Some(1.0));
     }
 
     #[test]
-    fn one_shift_for_two_pairs_cannot_please_both() {
+    fn one_shift_for_two_pairs_is_a_compromise() {
         let pairs = [
             (spot(90, 30, 20), spot(90, 35, 20)),
             (spot(90, 30, 20), spot(90, 25, 20)),
         ];
-        // Either pair wholly and the other by a half (10 of 30 columns), or both by 15 of 25.
+        // Either one pair completely and the other by a half (10 of 30 columns), or both by 15 of 25.
         let iou = best_shift_iou(&pairs).unwrap();
         assert!((iou - (1.0 + 10.0 / 30.0) / 2.0).abs() < 1e-9, "{iou}");
     }
 
     #[test]
-    fn what_is_pushed_out_of_the_picture_is_lost() {
+    fn pixels_shifted_out_of_the_picture_are_clipped() {
         let mask = Mask::from_art("##. ##.");
         let moved = Mask::from_art("..# ..#");
         assert_eq!(shifted_iou(&mask, &moved, 2, 0), 1.0);

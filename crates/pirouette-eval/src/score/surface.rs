@@ -1,4 +1,4 @@
-//! How far two bodies are apart.
+//! Distance between two surfaces.
 
 use glam::{DMat3, DVec3};
 use pirouette_geom::TriMesh;
@@ -8,37 +8,37 @@ use rayon::prelude::*;
 
 use crate::table::{mean, percentile};
 
-/// Points on each body from which distances are taken
+/// Number of points sampled on each body for distances
 const SAMPLE_COUNT: usize = 20_000;
 
-/// Of these, the alignment moves every so many-th
+/// The alignment uses every n-th of them
 const ALIGN_STEP: usize = 2;
 
-/// Rounds of the alignment
+/// Maximum number of rounds of the alignment
 const ROUNDS: usize = 30;
 
-/// Share of the points that the alignment follows; what is farthest apart is an error, not a shift
+/// Share of the points used by the alignment; the farthest ones are errors of the shape
 const FOLLOWED: f64 = 0.85;
 
-/// A round that moves points by less ends the alignment, in mm
+/// The alignment ends when a round moves points by less than this, in mm
 const SETTLED_MM: f64 = 1e-3;
 
-/// How far two bodies are apart, after a shift and a turn about the vertical
+/// Distance between two bodies after a shift and a turn about the vertical
 #[derive(Debug, Clone)]
 pub struct SurfaceError {
-    /// Mean distance from points of one to the other, mean of both ways, in mm
+    /// Mean distance from points of one to the other, mean of both directions, in mm
     pub mean_mm: f64,
-    /// The larger of both ways' 95th percentiles, in mm
+    /// The larger of the 95th percentiles of both directions, in mm
     pub p95_mm: f64,
     /// Points of the true body: the triangle that each lies on, and the distance to the other body, in mm
     pub from_truth: Vec<(usize, f64)>,
 }
 
-/// Compares a body with the true one; `None` when one has no surface
+/// Compares a body with the true one; `None` if one has no surface
 ///
-/// Both are put on the floor first; then sampled points of the body follow their nearest sampled points of the truth, by
-/// shifts and by turns about the vertical. (Nearest points of the triangles would let the bodies slide along each other, so
-/// slowly that hundreds of rounds do not end it.)
+/// Both are put on the floor first; then sampled points of the body are aligned with their nearest sampled points of
+/// the true body, by shifts and by turns about the vertical. (With nearest points of the triangles, the bodies slide
+/// along each other so slowly that hundreds of rounds do not converge.)
 ///
 /// # Source
 /// P. Besl, N. McKay 1992, "A method for registration of 3-D shapes", trimmed.
@@ -63,7 +63,7 @@ pub fn surface_error(body: &TriMesh, truth: &TriMesh) -> Option<SurfaceError> {
     })
 }
 
-/// Two bodies, brought together as well as a shift and a turn about the vertical can
+/// Two bodies, aligned by a shift and a turn about the vertical
 pub(crate) struct Aligned {
     pub(crate) body: TriMesh,
     pub(crate) truth: TriMesh,
@@ -74,7 +74,7 @@ pub(crate) struct Aligned {
 }
 
 impl Aligned {
-    /// `None` when one has no surface
+    /// Aligns two bodies; `None` if one has no surface
     pub(crate) fn new(body: &TriMesh, truth: &TriMesh) -> Option<Self> {
         let (body, truth) = (on_the_floor(body)?, on_the_floor(truth)?);
         let (samples, true_samples) = (sample(&body, 1), sample(&truth, 2));
@@ -110,7 +110,7 @@ fn best_motion(
     Some(motion)
 }
 
-/// The mesh without unused vertices, lowest point at y = 0; `None` without an area
+/// Returns the mesh without unused vertices, with its lowest point at y = 0; `None` if its area is zero
 fn on_the_floor(mesh: &TriMesh) -> Option<TriMesh> {
     let used = || mesh.triangles.iter().flatten();
     let low = used()
@@ -129,7 +129,7 @@ fn on_the_floor(mesh: &TriMesh) -> Option<TriMesh> {
     (area > 0.0 && area.is_finite()).then_some(mesh)
 }
 
-/// Points spread over the surface, with their triangles: equal shares of the area, each point random in its share
+/// Samples points on the surface, with their triangles: equal shares of the area, with a random point in each
 fn sample(mesh: &TriMesh, seed: u64) -> Vec<(usize, DVec3)> {
     let mut random = Random::new(seed);
     let share = mesh.area() / SAMPLE_COUNT as f64;
@@ -152,7 +152,7 @@ fn sample(mesh: &TriMesh, seed: u64) -> Vec<(usize, DVec3)> {
     samples
 }
 
-/// A surface of points, each a triangle without area
+/// Builds a surface of points, each a triangle of zero area
 fn points_only(samples: &[(usize, DVec3)]) -> NearestSurface {
     NearestSurface::new(&TriMesh {
         positions: samples.iter().map(|(_, p)| *p).collect(),
@@ -160,7 +160,7 @@ fn points_only(samples: &[(usize, DVec3)]) -> NearestSurface {
     })
 }
 
-/// A turn about the y axis, then a shift
+/// A turn about the y axis, followed by a shift
 #[derive(Debug, Clone, Copy, Default)]
 struct Motion {
     angle: f64,
@@ -180,7 +180,7 @@ impl Motion {
     }
 }
 
-/// The motion that brings moved points nearest to their nearest points of the truth
+/// Computes the motion that minimizes the distances of moved points to their nearest points of the true body
 fn align_step(points: &[DVec3], motion: &Motion, leaders: &NearestSurface) -> Option<Motion> {
     let pairs: Vec<(DVec3, DVec3, f64)> = points
         .par_iter()
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_turned_and_moved_is_the_same_body() {
+    fn a_turned_and_moved_body_has_no_error() {
         let truth = figure();
         let motion = Motion {
             angle: 0.15,
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_inflated_by_four_millimeters_is_four_millimeters_off() {
+    fn a_body_inflated_by_four_millimeters_has_an_error_of_four_millimeters() {
         let truth = figure();
         let normals = truth.vertex_normals();
         let moved = truth
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_has_no_distance() {
+    fn an_empty_surface_has_no_distance() {
         assert!(surface_error(&TriMesh::default(), &figure()).is_none());
         assert!(surface_error(&figure(), &TriMesh::default()).is_none());
     }

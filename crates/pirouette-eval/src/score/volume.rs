@@ -1,4 +1,4 @@
-//! Volume that two bodies have in common.
+//! Common volume of two bodies.
 
 use glam::DVec3;
 use pirouette_geom::TriMesh;
@@ -9,21 +9,21 @@ use super::surface::Aligned;
 /// Distance of the lines along which volumes are compared, in mm
 const LINE_SPACING_MM: f64 = 6.0;
 
-/// Intersection over union of the volumes of two bodies, after a shift and a turn about the vertical
+/// Computes the intersection over union of the volumes of two bodies, after a shift and a turn about the vertical
 ///
-/// Both bodies are cut by upright lines 6 mm apart; along each the lengths inside are exact. `None` when one has no
+/// Both bodies are cut by vertical lines 6 mm apart; along each the inside lengths are exact. `None` if one has no
 /// surface. The alignment is that of [`super::surface::surface_error`].
 pub fn volume_iou(body: &TriMesh, truth: &TriMesh) -> Option<f64> {
     let aligned = Aligned::new(body, truth)?;
     iou_in_place(&aligned.body, &aligned.truth)
 }
 
-/// The same without moving anything
+/// Computes the intersection over union without alignment
 fn iou_in_place(a: &TriMesh, b: &TriMesh) -> Option<f64> {
     let (low, high) = (a.bounds()?, b.bounds()?);
     let (low, high) = (low.0.min(high.0), low.1.max(high.1));
     let size = ((high - low) / LINE_SPACING_MM).ceil();
-    // Off the round numbers that vertices like, so that lines pass beside edges.
+    // Offset from round coordinates, which vertices often have, so that lines do not pass through edges.
     let start = low + LINE_SPACING_MM * DVec3::new(0.4871, 0.0, 0.5113);
     let lines = |mesh: &TriMesh| Lines::cut(mesh, start, size.x as usize, size.z as usize);
     let (a, b) = rayon::join(|| lines(a), || lines(b));
@@ -36,7 +36,7 @@ fn iou_in_place(a: &TriMesh, b: &TriMesh) -> Option<f64> {
     (either > 0.0).then(|| both / either)
 }
 
-/// Heights at which each upright line passes the surface, sorted
+/// Sorted heights at which each vertical line crosses the surface
 struct Lines {
     crossings: Vec<Vec<f64>>,
 }
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_have_in_common_what_they_should() {
+    fn common_volumes_of_blocks_are_exact() {
         let a = block(DVec3::ZERO, DVec3::new(300.0, 600.0, 300.0));
         let b = block(DVec3::new(0.0, 200.0, 0.0), DVec3::new(300.0, 800.0, 300.0));
         let c = block(DVec3::splat(1000.0), DVec3::splat(1200.0));

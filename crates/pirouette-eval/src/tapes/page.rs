@@ -1,4 +1,4 @@
-//! The page that the study of the tapes writes: its text and its two pictures.
+//! The page of the tapes study: its text and its two pictures.
 
 use super::*;
 
@@ -7,18 +7,19 @@ pub(super) fn page(options: &TapesOptions, scanned: &[Scanned], tables: &[Table]
     let failed = scanned.iter().filter(|s| s.error.is_some()).count();
     let _ = write!(
         page,
-        "# How accurate the tape measures are\n\n\
-         `pirouette eval tapes` wrote this page: {} random people, women and men of body mass indices from 17 to 38, rendered\n\
-         with sway, noisy keypoints, turn angles that are off by 2 degrees, and statures stated with a standard deviation of\n\
-         {STATED_STATURE_SD_MM:.0} mm. Their seeds are not those that the method was made with. Truth is the same tape on the known body. {failed} of\n\
-         {} scans failed.\n\n\
-         Rendered people are not people: no clothes, no hair, no breath, and tapes that find their places by the same rules\n\
-         on the true and on the found body. Beside the figures stand the limits of ISO 20685-1 on the mean error of a scanner,\n\
-         what the best published method with two photos reaches (mean absolute error), and what a regression on height and\n\
-         weight does. This is no claim of conformity.\n\n\
-         All in mm. `SD` is the spread of the errors over people, `MAE` their mean size, `P90` the size that 90 % stay below;\n\
-         `repeat` is the deviation of a second scan of the same person, swaying and told otherwise; `within 1 sd` is the share\n\
-         of errors that are smaller than the standard deviation told with the value: 68 would be right.\n\n",
+        "# Accuracy of the tape measures\n\n\
+         `pirouette eval tapes` generates this page from scans of {} random people, women and men with body mass indices from 17\n\
+         to 38, rendered with sway, noisy keypoints, turn angles that are off by 2 degrees, and statures stated with a standard\n\
+         deviation of {STATED_STATURE_SD_MM:.0} mm. Their seeds were not used during development. The true values are those of the same tape on\n\
+         the known body. {failed} of {} scans failed.\n\n\
+         Rendered people differ from real ones: no clothes, no hair, no breathing, and the tapes are positioned by the same rules\n\
+         on the true and on the reconstructed body. For comparison, the tables contain the limits of ISO 20685-1 on the mean\n\
+         error of a scanner, the mean absolute error of the best published method with two photos, and that of a regression on\n\
+         height and weight. This is not a claim of conformity.\n\n\
+         All values are in mm. `SD` is the standard deviation of the errors over people, `MAE` the mean absolute error, `P90` the\n\
+         90th percentile of the absolute error; `repeat` is the standard deviation of a second scan of the same person with\n\
+         other sway and another stated stature; `within 1 sd` is the percentage of errors smaller than the standard deviation\n\
+         reported with the value (68 if it is well calibrated).\n\n",
         options.people.max(options.photo_people),
         scanned.len(),
     );
@@ -55,7 +56,7 @@ fn markdown(table: &Table) -> String {
     text
 }
 
-/// A strip per girth: every person's error as a dot, bias and spread
+/// Draws a strip per girth: every person's error as a dot, bias and spread
 pub(super) fn errors_svg(scanned: &[Scanned], condition: Condition) -> String {
     let girths: Vec<Measure> = Measure::ALL
         .iter()

@@ -1,4 +1,4 @@
-//! How errors depend on the number of views, and which of the differences are more than chance.
+//! Errors by number of views, and the significance of their differences.
 
 use super::page::svg_open;
 use super::*;
@@ -24,7 +24,7 @@ pub(super) fn at_views(views: usize) -> Condition {
     }
 }
 
-/// Sizes of the errors of the people for whom numbers of views are compared
+/// Returns the absolute errors of the people for whom numbers of views are compared
 fn absolute_errors(
     options: &TapesOptions,
     scanned: &[Scanned],
@@ -43,7 +43,7 @@ fn seeds(options: &TapesOptions) -> impl Iterator<Item = u64> + use<> {
     options.first_seed..options.first_seed + options.view_people as u64
 }
 
-/// The scan of a person by exact silhouettes in so many views
+/// Returns the scan of a person by exact silhouettes with the given number of views
 fn compared<'a, 'p>(
     scanned: &'a [Scanned<'p>],
     views: usize,
@@ -76,14 +76,14 @@ pub(super) fn views_table(options: &TapesOptions, scanned: &[Scanned]) -> Table 
     table
 }
 
-/// The girths by which numbers of views are judged
+/// The girths used to compare numbers of views
 const TRUNK: [Measure; 3] = [Measure::BustGirth, Measure::WaistGirth, Measure::HipGirth];
 
-/// Differences of more standard errors than this are no chance: with five comparisons, chance reaches that once in twenty
-/// studies
+/// Differences above this number of standard errors are significant: with five comparisons, chance exceeds it once in
+/// twenty studies
 const SIGNIFICANT: f64 = 2.6;
 
-/// With fewer people, standard errors say nothing
+/// Minimum number of people for a meaningful standard error
 const LEAST_PEOPLE: usize = 10;
 
 /// Mean of a quantity with its standard error
@@ -95,7 +95,7 @@ struct Sampled {
 }
 
 impl Sampled {
-    /// `None` for fewer than two values
+    /// Computes mean and standard error; `None` for fewer than two values
     fn of(values: &[f64]) -> Option<Self> {
         let count = values.len();
         let Spread { mean, sd } = Spread::of(values).filter(|_| count > 1)?;
@@ -106,13 +106,13 @@ impl Sampled {
         })
     }
 
-    /// Whether it is above zero by more than chance
+    /// Returns whether the mean is significantly above zero
     fn is_positive(&self) -> bool {
         self.count >= LEAST_PEOPLE && self.mean > SIGNIFICANT * self.standard_error
     }
 }
 
-/// Mean size of a person's errors at the trunk; `None` when a girth is missing
+/// Returns the mean absolute error of a person's trunk girths; `None` if a girth is missing
 fn trunk_error(scanned: &[Scanned], views: usize, seed: u64) -> Option<f64> {
     let scanned = compared(scanned, views, seed)?;
     let error = |measure: Measure| {
@@ -123,7 +123,7 @@ fn trunk_error(scanned: &[Scanned], views: usize, seed: u64) -> Option<f64> {
     mean(&errors?)
 }
 
-/// By how much the errors at the trunk are larger with one number of views than with another, person by person
+/// Returns by how much the trunk errors are larger with one number of views than with another, paired by person
 fn excess(
     options: &TapesOptions,
     scanned: &[Scanned],
@@ -137,7 +137,9 @@ fn excess(
 
 pub(super) fn trunk_table(options: &TapesOptions, scanned: &[Scanned]) -> Table {
     let mut table = Table::new(
-        format!("bust, waist and hip: numbers of views against {USUAL_VIEWS}, person by person"),
+        format!(
+            "bust, waist and hip: numbers of views compared with {USUAL_VIEWS}, paired by person"
+        ),
         &[
             "views",
             "people",
@@ -171,7 +173,7 @@ pub(super) fn trunk_table(options: &TapesOptions, scanned: &[Scanned]) -> Table 
     table
 }
 
-/// Which number of views to take: the smallest that no larger one beats by more than chance
+/// Recommends the smallest number of views that no larger one improves significantly
 pub(super) fn recommendation(options: &TapesOptions, scanned: &[Scanned]) -> String {
     let mut views = options.views.clone();
     views.sort_unstable();
@@ -179,9 +181,9 @@ pub(super) fn recommendation(options: &TapesOptions, scanned: &[Scanned]) -> Str
         let people = seeds(options).filter_map(|seed| trunk_error(scanned, v, seed));
         people.count() >= LEAST_PEOPLE
     };
-    let mut text = String::from("## How many photos\n\n");
+    let mut text = String::from("## Recommended number of photos\n\n");
     if views.len() < 2 || !views.iter().all(|&v| compared(v)) {
-        text.push_str("Too few people or numbers of views to tell.\n");
+        text.push_str("Too few people or numbers of views for a recommendation.\n");
         return text;
     }
     let beats = |better: usize, worse: usize| {
@@ -200,29 +202,29 @@ pub(super) fn recommendation(options: &TapesOptions, scanned: &[Scanned]) -> Str
     };
     let worse: Vec<usize> = views.iter().copied().filter(|&v| v < enough).collect();
     let more: Vec<usize> = views.iter().copied().filter(|&v| v > enough).collect();
-    let _ = write!(text, "Take {enough}.");
+    let _ = write!(text, "Take {enough} photos.");
     if !worse.is_empty() {
         let _ = write!(
             text,
-            " With {}, the errors at the trunk are larger than with some larger number.",
+            " With {}, the errors at the trunk are significantly larger than with a larger number.",
             listed(worse)
         );
     }
     if !more.is_empty() {
         let _ = write!(
             text,
-            " With {}, they are not smaller by more than chance.",
+            " With {}, they are not significantly smaller.",
             listed(more)
         );
     }
     let _ = writeln!(
         text,
-        " Differences count from {SIGNIFICANT} standard errors on; the same people are compared, with exact silhouettes."
+        " Differences above {SIGNIFICANT} standard errors are significant; the same people are compared, with exact silhouettes."
     );
     text
 }
 
-/// Mean absolute errors of the girths of trunk and thigh over the number of views
+/// Draws the mean absolute errors of the girths of trunk and thigh over the number of views
 pub(super) fn views_svg(options: &TapesOptions, scanned: &[Scanned]) -> String {
     const LINES: [(Measure, &str); 4] = [
         (Measure::BustGirth, "#c33"),
@@ -305,7 +307,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_differences_of_several_standard_errors_count() {
+    fn only_differences_of_several_standard_errors_are_significant() {
         let values: Vec<f64> = (0..20).map(|i| f64::from(i % 2) * 2.0 - 0.5).collect();
         let sampled = Sampled::of(&values).unwrap();
         assert!((sampled.mean - 0.5).abs() < 1e-12);

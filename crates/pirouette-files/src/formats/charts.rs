@@ -5,12 +5,12 @@ use pirouette::sizes::{Chart, ChartSex, Size};
 use serde::Deserialize;
 use thiserror::Error;
 
-/// The charts that come with the program
+/// The built-in charts
 const CHARTS: &str = include_str!("../../assets/size_charts.toml");
 
 /// Why a chart cannot be used
 #[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum ChartError {
     #[error("not a size chart: {0}")]
     Toml(#[from] toml::de::Error),
@@ -21,7 +21,7 @@ pub enum ChartError {
     )]
     NoSizes { chart: String, primary: String },
     #[error(
-        "chart \"{chart}\", size \"{size}\": `{key}` is no measure with a value in cm; see measurements.json for the names"
+        "chart \"{chart}\", size \"{size}\": `{key}` is not a measure in cm; see measurements.json for the names"
     )]
     UnknownMeasure {
         chart: String,
@@ -29,7 +29,7 @@ pub enum ChartError {
         key: String,
     },
     #[error(
-        "chart \"{chart}\", size \"{size}\": `{key}` runs from {from} to {to} cm; the bounds must rise and be positive"
+        "chart \"{chart}\", size \"{size}\": `{key}` runs from {from} to {to} cm; bounds must be positive and increasing"
     )]
     Interval {
         chart: String,
@@ -45,7 +45,7 @@ pub enum ChartError {
         primary: String,
     },
     #[error(
-        "chart \"{chart}\": sizes must be in rising order of `{primary}` without overlap; \"{size}\" is not"
+        "chart \"{chart}\": sizes must be in increasing order of `{primary}` without overlap; \"{size}\" is not"
     )]
     Order {
         chart: String,
@@ -83,18 +83,18 @@ struct SizeEntry {
     intervals: std::collections::BTreeMap<String, [f64; 2]>,
 }
 
-/// The charts that come with the program
+/// Returns the built-in charts
 ///
 /// # Panics
-/// Never: they are part of the program, and a test reads them.
+/// Never: a test parses them.
 pub fn built_in_charts() -> Vec<Chart> {
-    parse_charts(CHARTS).expect("the charts of the program are sound")
+    parse_charts(CHARTS).expect("the built-in charts are valid")
 }
 
-/// Reads charts in the form of `assets/size_charts.toml`
+/// Parses charts in the format of `assets/size_charts.toml`
 ///
 /// # Errors
-/// When it is no TOML, has keys that are not known, or sizes that do not rise; the message says where.
+/// When the text is not TOML, has unknown keys, or sizes are not in increasing order; the message names the place.
 pub fn parse_charts(text: &str) -> Result<Vec<Chart>, ChartError> {
     let file: File = toml::from_str(text)?;
     if file.chart.is_empty() {
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_of_an_interval_is_one_size() {
+    fn the_middle_of_an_interval_gives_one_size() {
         let found = advice(
             &letters(),
             &[("bust_girth", 980.0, 15.0), ("waist_girth", 860.0, 12.0)],
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_is_two_sizes_and_the_build_tells_which_first() {
+    fn a_boundary_gives_two_sizes_ordered_by_build() {
         let slim = [("bust_girth", 1020.0, 15.0), ("waist_girth", 800.0, 12.0)];
         assert_eq!(advice(&letters(), &slim).sizes[0], "M");
         let alone = [("bust_girth", 1021.0, 15.0)];
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_not_known_well_or_not_in_the_chart_gets_no_size() {
+    fn uncertain_or_out_of_range_measurements_give_no_size() {
         for (mm, sd) in [(980.0, 120.0), (400.0, 15.0), (2000.0, 15.0)] {
             let found = advice(&letters(), &[("bust_girth", mm, sd)]);
             assert!(found.sizes.is_empty(), "{found:?}");
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn charts_that_make_no_sense_are_refused_with_the_place() {
+    fn invalid_charts_are_rejected_with_the_place() {
         let error = |text: &str| parse_charts(text).unwrap_err().to_string();
         assert!(error("x = 3").contains("x"));
         assert!(error("").contains("[[chart]]"));
@@ -250,7 +250,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn probabilities_are_probabilities_and_sizes_neighbors(
+        fn probabilities_are_valid_and_sizes_adjacent(
             bust in 500.0..1900.0f64,
             waist in 500.0..1900.0f64,
             sd in 0.0..80.0f64,

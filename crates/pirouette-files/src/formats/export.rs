@@ -1,6 +1,6 @@
 //! Measurements for other programs: CSV, flat JSON, schema.org, FreeSewing, Seamly2D and Valentina.
 //!
-//! Measures that could not be had are left out of every format; each says in which unit it is.
+//! Unavailable measures are omitted in every format. Each format states its unit.
 
 use std::fmt::Write;
 
@@ -9,10 +9,10 @@ use serde_json::{Map, Value, json};
 use pirouette::measure::{Measure, Measurements};
 use pirouette::sizes::ChartSex;
 
-/// A format that other programs read
+/// A format of other programs
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ExportFormat {
-    /// Flat JSON: value and deviation per measure
+    /// Flat JSON: value and standard deviation per measure
     Json,
     /// One row per measure
     Csv,
@@ -25,7 +25,7 @@ pub enum ExportFormat {
 }
 
 impl ExportFormat {
-    /// Name of the file in a result folder
+    /// Returns the name of the file in a result folder
     pub fn file_name(self) -> &'static str {
         match self {
             ExportFormat::Json => "measurements.flat.json",
@@ -36,7 +36,7 @@ impl ExportFormat {
         }
     }
 
-    /// The file's content
+    /// Returns the content of the file
     pub fn write(self, measurements: &Measurements) -> String {
         match self {
             ExportFormat::Json => flat_json(measurements),
@@ -52,7 +52,7 @@ fn tenths(value: f64) -> f64 {
     (value * 10.0).round() / 10.0
 }
 
-/// Values in mm, where there are any and the scale is known
+/// Returns the available values in mm; none if the scale is unknown
 fn known(measurements: &Measurements) -> impl Iterator<Item = (Measure, f64, Option<f64>)> + '_ {
     let scaled = measurements.in_mm();
     measurements
@@ -97,7 +97,7 @@ fn csv(measurements: &Measurements) -> String {
     text
 }
 
-/// Terms of schema.org's BodyMeasurementTypeEnumeration
+/// Returns the term of schema.org's BodyMeasurementTypeEnumeration
 fn schema_term(measure: Measure, sex: Option<ChartSex>) -> Option<&'static str> {
     Some(match measure {
         Measure::Stature => "BodyMeasurementHeight",
@@ -157,7 +157,7 @@ fn schema_org(measurements: &Measurements) -> String {
     format!("{value:#}\n")
 }
 
-/// Names of FreeSewing and how they follow from measures
+/// Writes measurements by their FreeSewing names, some of which are differences of our measures
 fn freesewing(measurements: &Measurements) -> String {
     let value = |measure| {
         let mut all = known(measurements);
@@ -204,7 +204,7 @@ fn freesewing(measurements: &Measurements) -> String {
     text
 }
 
-/// Names of Seamly2D and Valentina
+/// Returns the name in Seamly2D and Valentina
 fn seamly_name(measure: Measure) -> Option<&'static str> {
     Some(match measure {
         Measure::Stature => "height",
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn every_format_tells_the_waist_in_its_own_words() {
+    fn every_format_contains_the_waist_under_its_name() {
         let all = measured(Some(1700.0));
         let waist_mm = tenths(all.value_mm(Measure::WaistGirth).unwrap());
         for (format, expected) in ALL.into_iter().zip([
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn json_is_json_and_xml_closes_what_it_opens() {
+    fn json_parses_and_xml_tags_are_balanced() {
         let all = measured(Some(1700.0));
         let flat: Value = serde_json::from_str(&ExportFormat::Json.write(&all)).unwrap();
         assert!(flat["hip_girth"]["mm"].as_f64().unwrap() > 500.0);

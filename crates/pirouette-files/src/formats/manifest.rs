@@ -1,4 +1,4 @@
-//! The manifest `scan.json`: what is known of a scan besides its photos.
+//! The manifest `scan.json`: metadata of a scan.
 
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -27,37 +27,37 @@ const ANGLE_DEG: RangeInclusive<f64> = -3600.0..=3600.0;
 /// A checked manifest
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Manifest {
-    /// The pose the person tries to hold
+    /// The intended pose of the person
     pub pose: ReferencePose,
     /// Height of the person, in mm
     pub stature_mm: Option<f64>,
     /// Size of a pixel at the turning axis, in mm
     pub mm_per_px: Option<f64>,
-    /// What the person told besides
+    /// Additional facts given about the person
     pub subject: Subject,
-    /// What is known of the camera
+    /// Known parameters of the camera
     pub camera: CameraSetup,
-    /// The views; without any, the images of the folder are taken
+    /// The views; if absent, all images of the folder are used
     pub views: Option<Vec<ManifestView>>,
 }
 
-/// One view of a manifest; paths are relative to the scan folder and do not leave it
+/// One view of a manifest; paths are relative to the scan folder and stay inside it
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ManifestView {
     /// The photo
     pub image: String,
-    /// Its keypoints; without, `<stem>_keypoints.json` is looked for
+    /// Its keypoints; if absent, `<stem>_keypoints.json` is searched for
     pub keypoints: Option<String>,
     /// Turn angle, in degrees
     pub angle_deg: Option<f64>,
-    /// A silhouette that replaces segmentation
+    /// A given silhouette, which replaces segmentation
     pub mask: Option<String>,
 }
 
 /// Why a manifest cannot be used
 #[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum ManifestError {
     #[error("{0}")]
     Json(serde_json::Error),
@@ -69,10 +69,10 @@ pub enum ManifestError {
         highest: f64,
     },
     #[error(
-        "`{key}` is \"{path}\"; paths are relative to the scan folder and may not leave it (no \"..\")"
+        "`{key}` is \"{path}\"; paths are relative to the scan folder and must not point outside (no \"..\")"
     )]
     PathLeaves { key: String, path: String },
-    #[error("`views` is empty; leave the key out to take all images of the folder")]
+    #[error("`views` is empty; omit the key to use all images of the folder")]
     NoViews,
     #[error("`views[{first}]` and `views[{second}]` both have the name \"{name}\"; rename a photo")]
     SameName {
@@ -124,11 +124,11 @@ struct CameraFile {
     mm_per_px: Option<f64>,
 }
 
-/// Reads and checks a manifest
+/// Parses and checks a manifest
 ///
 /// # Errors
-/// When the bytes are no JSON, have a key that is not known, or a value out of its range; the message
-/// names the key and where it stands.
+/// When the bytes are not JSON, contain an unknown key, or a value out of its range; the message names the key and its
+/// position.
 pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
     let file: File = serde_json::from_slice(json).map_err(ManifestError::Json)?;
     let camera = file.camera.unwrap_or_default();
@@ -197,7 +197,7 @@ fn check_views(views: &[ManifestView]) -> Result<(), ManifestError> {
             }
         }
         let name = stem(&view.image);
-        // Results go to a folder of that name.
+        // A folder of this name receives the results.
         if name.trim_matches('.').is_empty() {
             return Err(ManifestError::PathLeaves {
                 key: format!("views[{index}].image"),
@@ -231,7 +231,7 @@ fn within(
     }
 }
 
-/// Name of a view: the photo's file name without its ending
+/// Returns the name of a view: the photo's file name without its extension
 pub fn stem(image: &str) -> String {
     let stem = Path::new(image).file_stem();
     stem.map_or_else(String::new, |s| s.to_string_lossy().into_owned())
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_is_read() {
+    fn all_keys_are_read() {
         let manifest = parse_manifest(
             br#"{ "pose": "t", "subject": { "stature_mm": 1748.0, "sex": "male", "mass_kg": 81, "age_years": 44 },
                  "camera": { "mm_per_px": 2.1, "vertical_fov_deg": 50.0, "height_mm": 890, "distance_mm": 2400.0, "pitch_deg": -5 },
@@ -272,12 +272,12 @@ mod tests {
     }
 
     #[test]
-    fn everything_may_be_missing() {
+    fn all_keys_are_optional() {
         assert_eq!(parse_manifest(b"{}").unwrap(), Manifest::default());
     }
 
     #[test]
-    fn an_unknown_key_is_named_with_its_place() {
+    fn an_unknown_key_is_reported_with_its_position() {
         let message = error("{\n \"subject\": { \"statur_mm\": 1700 } }");
         assert!(message.contains("statur_mm"), "{message}");
         assert!(message.contains("line 2"), "{message}");
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn values_out_of_range_are_named_with_their_range() {
+    fn values_out_of_range_are_reported_with_the_range() {
         let message = error(r#"{ "subject": { "stature_mm": 1.75 } }"#);
         assert!(message.contains("subject.stature_mm"), "{message}");
         assert!(message.contains("500") && message.contains("2700"));
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_needed_once() {
+    fn names_must_be_unique() {
         let message = error(r#"{ "views": [ { "image": "a/1.jpg" }, { "image": "b/1.png" } ] }"#);
         assert!(message.contains("\"1\""), "{message}");
         assert!(error(r#"{ "views": [] }"#).contains("empty"));

@@ -1,4 +1,4 @@
-//! One module per file format: bytes in, types out, and back.
+//! One module per file format, for parsing and writing.
 
 pub mod charts;
 pub mod export;

@@ -1,7 +1,7 @@
 //! OpenPose JSON with the BODY_25 model, versions 1.1 to 1.3.
 //!
-//! Exporters that are not OpenPose write these files too, so the usual mix-ups (another model, coordinates
-//! from 0 to 1, NaN) are told by name.
+//! Other programs export this format too, so common mistakes (another model, coordinates from 0 to 1, NaN) have
+//! messages that name them.
 
 use glam::DVec2;
 use serde::Deserialize;
@@ -12,23 +12,23 @@ use pirouette_body::{Joint, Keypoint, Keypoints};
 /// Numbers per person: x, y and confidence of every joint
 const NUMBERS_PER_PERSON: usize = 3 * Joint::COUNT;
 
-/// Confidences up to this count as 1
+/// Confidences up to this value are clamped to 1
 ///
-/// Peaks of a heat map reach a little above 1 after smoothing; percentages reach far above it.
+/// Peaks of a heat map slightly exceed 1 after smoothing; percentages far exceed it.
 const MAX_CONFIDENCE: f64 = 1.2;
 
-/// Photo coordinates farther than this from the photo, in photo sizes, are absurd
+/// Maximum distance of coordinates from the photo, in photo sizes; farther ones are rejected
 ///
-/// Models that guess hidden joints place them up to half a photo outside.
+/// Models that infer hidden joints place them up to half a photo outside.
 const MAX_OUTSIDE_SIZES: f64 = 10.0;
 
-/// Distance from the middle of the photo, in photo diagonals, at which a person counts half
+/// Distance from the middle of the photo, in photo diagonals, at which a person's weight is one half
 const HALF_WEIGHT_DISTANCE: f64 = 0.25;
 
 /// The person found in one keypoint file
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detection {
-    /// Joints of the chosen person, in px of the photo; none found when the file holds nobody
+    /// Joints of the selected person, in px of the photo; all not found if the file contains no person
     pub keypoints: Keypoints,
     /// Number of people in the file
     pub people_count: usize,
@@ -36,12 +36,12 @@ pub struct Detection {
 
 /// Why a keypoint file cannot be used
 #[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum KeypointsError {
     #[error("the keypoints are not OpenPose JSON: {0}")]
     Syntax(serde_json::Error),
     #[error(
-        "the keypoints hold NaN or Infinity, which JSON forbids ({0}); write joints that were not found as 0, 0, 0"
+        "the keypoints contain NaN or Infinity, which JSON forbids ({0}); write joints that were not found as 0, 0, 0"
     )]
     NotFinite(serde_json::Error),
     #[error("person {person} has no `pose_keypoints_2d`")]
@@ -52,7 +52,7 @@ pub enum KeypointsError {
     )]
     Count { person: usize, count: usize },
     #[error(
-        "{} of person {person} has the confidence {confidence}; it goes from 0 to 1", joint.name()
+        "{} of person {person} has confidence {confidence}; the range is 0 to 1", joint.name()
     )]
     Confidence {
         person: usize,
@@ -76,15 +76,15 @@ pub enum KeypointsError {
     Normalized { person: usize },
 }
 
-/// What a wrong count of numbers usually is
+/// Returns the model that a wrong count of numbers usually means
 fn model_hint(count: usize) -> &'static str {
     match count {
-        54 => "; 54 numbers are the COCO model of OpenPose: export with --model_pose BODY_25",
-        45 => "; 45 numbers are the MPI model of OpenPose: export with --model_pose BODY_25",
-        51 => "; 51 numbers are the COCO model with 17 joints: convert them to BODY_25",
-        50 => "; 50 numbers are BODY_25 without confidences: add one per joint",
-        78 => "; 78 numbers are the Halpe model with 26 joints: convert them to BODY_25",
-        99 | 132 => "; this is the MediaPipe model with 33 joints: convert them to BODY_25",
+        54 => "; 54 numbers indicate the COCO model of OpenPose: export with --model_pose BODY_25",
+        45 => "; 45 numbers indicate the MPI model of OpenPose: export with --model_pose BODY_25",
+        51 => "; 51 numbers indicate the COCO model with 17 joints: convert them to BODY_25",
+        50 => "; 50 numbers indicate BODY_25 without confidences: add one per joint",
+        78 => "; 78 numbers indicate the Halpe model with 26 joints: convert them to BODY_25",
+        99 | 132 => "; this indicates the MediaPipe model with 33 joints: convert them to BODY_25",
         _ => "",
     }
 }
@@ -96,24 +96,25 @@ struct File {
 
 #[derive(Deserialize)]
 struct Person {
-    /// Called `pose_keypoints` up to version 1.1
+    /// Named `pose_keypoints` up to version 1.1
     #[serde(alias = "pose_keypoints")]
     pose_keypoints_2d: Option<Vec<f64>>,
 }
 
-/// Reads a keypoint file for a photo of the given size
+/// Parses a keypoint file for a photo of the given size
 ///
-/// Of several people, the one with the highest sum of confidences near the middle of the photo is taken.
+/// Of several people, selects the one with the highest sum of confidences, weighted by nearness to the middle of the
+/// photo.
 ///
 /// # Errors
-/// When the bytes are not OpenPose JSON, or a person has other than 25 joints or impossible numbers.
+/// When the bytes are not OpenPose JSON, a person does not have 25 joints, or numbers are out of range.
 pub fn parse_keypoints(
     json: &[u8],
     width_px: usize,
     height_px: usize,
 ) -> Result<Detection, KeypointsError> {
     let file: File = serde_json::from_slice(json).map_err(|error| {
-        if holds_not_finite(json) {
+        if contains_not_finite(json) {
             KeypointsError::NotFinite(error)
         } else {
             KeypointsError::Syntax(error)
@@ -135,8 +136,8 @@ pub fn parse_keypoints(
     })
 }
 
-/// Whether the bytes spell a number that JSON does not have
-fn holds_not_finite(json: &[u8]) -> bool {
+/// Returns whether the bytes contain a number that JSON does not support
+fn contains_not_finite(json: &[u8]) -> bool {
     let spelled = |word: &[u8]| json.windows(word.len()).any(|w| w == word);
     spelled(b"NaN") || spelled(b"nan") || spelled(b"Infinity")
 }
@@ -165,7 +166,7 @@ fn person_keypoints(
                 confidence,
             });
         }
-        // A joint that was not found has no place, whatever the file says.
+        // A joint that was not found has no position, regardless of its coordinates.
         if confidence <= 0.0 {
             continue;
         }
@@ -189,7 +190,7 @@ fn person_keypoints(
             },
         );
     }
-    // Three joints within one pixel of the corner are no person either way.
+    // Three joints within one pixel of the corner are not a person in either unit.
     let normalized = keypoints
         .iter()
         .filter(|(_, keypoint)| keypoint.confidence > 0.0)
@@ -200,7 +201,7 @@ fn person_keypoints(
     Ok(keypoints)
 }
 
-/// Sum of confidences, less the farther the person stands from the middle of the photo
+/// Sum of confidences, reduced with the person's distance from the middle of the photo
 fn prominence(keypoints: &Keypoints, width_px: usize, height_px: usize) -> f64 {
     let size = DVec2::new(width_px as f64, height_px as f64);
     let (mut sum, mut center) = (0.0, DVec2::ZERO);
@@ -250,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn version_1_1_has_another_key() {
+    fn the_key_of_version_1_1_is_accepted() {
         let json = file(&[person_at(200.0, 0.5)]).replace("pose_keypoints_2d", "pose_keypoints");
         assert_eq!(parse(&json).unwrap().keypoints.found_count(), 25);
     }
@@ -271,14 +272,14 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_no_error() {
+    fn a_file_without_people_is_valid() {
         let detection = parse(&file(&[])).unwrap();
         assert_eq!(detection.people_count, 0);
         assert_eq!(detection.keypoints.found_count(), 0);
     }
 
     #[test]
-    fn the_surest_person_near_the_middle_is_taken() {
+    fn the_most_confident_person_near_the_middle_is_selected() {
         let people = [
             person_at(5.0, 0.9),
             person_at(190.0, 0.8),
@@ -291,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn other_models_are_told_by_name() {
+    fn other_models_are_reported_by_name() {
         let json = file(&[format!(
             "{{\"pose_keypoints_2d\":[{}]}}",
             vec!["1"; 54].join(",")
@@ -302,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn poison_is_a_typed_error() {
+    fn invalid_numbers_are_typed_errors() {
         let good = file(&[person_at(200.0, 0.5)]);
         let nan = good.replacen("0.5", "NaN", 1);
         assert!(matches!(parse(&nan), Err(KeypointsError::NotFinite(_))));
@@ -329,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn coordinates_from_0_to_1_are_noticed() {
+    fn coordinates_from_0_to_1_are_reported() {
         let numbers = numbers(|joint| [joint as f64 / 25.0, 0.5, 0.9]);
         let json = file(&[format!("{{\"pose_keypoints_2d\":[{numbers}]}}")]);
         assert!(matches!(

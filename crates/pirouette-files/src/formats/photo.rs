@@ -1,7 +1,7 @@
-//! Photos and masks: JPEG, PNG and WebP in; PNG and JPEG out.
+//! Photos and masks: reads JPEG, PNG and WebP; writes PNG and JPEG.
 //!
-//! The EXIF orientation is applied on reading, so that up is up everywhere else. A truncated or oversized
-//! file is an error, never a half-gray photo.
+//! The EXIF orientation is applied on reading, so that photos are upright in all other code. A truncated or oversized
+//! file is an error; it is never decoded in part.
 
 use std::io::Cursor;
 
@@ -12,29 +12,29 @@ use thiserror::Error;
 
 use pirouette::scan::Photo;
 
-/// Photos with more pixels than this are refused before they are unpacked
+/// Photos with more pixels than this are rejected before decoding
 ///
 /// Phones deliver 12 to 108 megapixels; a small file can claim any size.
 pub const MAX_PHOTO_PIXELS: u64 = 110_000_000;
 
-/// Bytes that unpacking one photo may take, at up to 4 bytes per pixel and some room to work
+/// Limit of the memory for decoding one photo, in bytes: 4 bytes per pixel and working memory
 const MAX_DECODE_BYTES: u64 = 6 * MAX_PHOTO_PIXELS;
 
-/// Shorter sides than this, in px, cannot show a person
+/// Photos with a shorter side below this, in px, are rejected
 pub const MIN_PHOTO_SIDE_PX: usize = 32;
 
-/// Darkest to brightest range of gray levels, less the outer percent on both ends, that shows something
+/// Minimum range of gray levels, without the outer percent at both ends
 ///
-/// A lens cap or an all-white frame has only noise of a few levels.
+/// A photo of a lens cap, or an overexposed one, contains only noise of a few levels.
 const MIN_GRAY_RANGE: u8 = 8;
 
 /// Diagonal of the 24 x 36 mm film frame that EXIF's equivalent focal length refers to (CIPA DCG-001)
 const FILM_DIAGONAL_MM: f64 = 43.266_615_305_567_87;
 
-/// Vertical fields of view that a photo of a person can have, in degrees; others are wrong EXIF
+/// Plausible vertical fields of view of a photo of a person, in degrees; values outside mean wrong EXIF data
 const PLAUSIBLE_FOV_DEGREES: std::ops::RangeInclusive<f64> = 5.0..=120.0;
 
-/// A photo with what its file tells about the camera
+/// A photo and the camera parameters in its file
 #[derive(Debug, Clone)]
 pub struct DecodedPhoto {
     /// The pixels, upright
@@ -45,41 +45,39 @@ pub struct DecodedPhoto {
 
 /// Why a photo or mask cannot be used
 #[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum PhotoError {
     #[error("the file is empty; copy it again")]
     Empty,
     #[error("neither a JPEG, PNG nor WebP file; convert it to one of these")]
     UnknownFormat,
-    #[error("HEIC files are not read; export the photo as JPEG")]
+    #[error("HEIC files are not supported; export the photo as JPEG")]
     Heic,
-    #[error("the JPEG file ends too early; copy it again")]
+    #[error("the JPEG file is truncated; copy it again")]
     Truncated,
     #[error("the file is damaged: {0}")]
     Damaged(ImageError),
-    #[error("{width_px} x {height_px} px are too many; at most {} megapixels", MAX_PHOTO_PIXELS / 1_000_000)]
+    #[error("{width_px} x {height_px} px exceed the limit of {} megapixels", MAX_PHOTO_PIXELS / 1_000_000)]
     TooLarge { width_px: u32, height_px: u32 },
     #[error(
-        "{width_px} x {height_px} px are too few; both sides need at least {MIN_PHOTO_SIDE_PX} px"
+        "{width_px} x {height_px} px is too small; both sides need at least {MIN_PHOTO_SIDE_PX} px"
     )]
     TooSmall { width_px: usize, height_px: usize },
-    #[error(
-        "the photo is one color all over (gray levels {darkest} to {brightest}); take it again"
-    )]
+    #[error("the photo has no contrast (gray levels {darkest} to {brightest}); retake it")]
     Blank { darkest: u8, brightest: u8 },
 }
 
-/// Unpacks a photo and turns it upright
+/// Decodes a photo and applies its orientation
 ///
 /// # Errors
-/// When the bytes are no complete JPEG, PNG or WebP file of a sensible size.
+/// When the bytes are not a complete JPEG, PNG or WebP file of an accepted size.
 pub fn decode_photo(bytes: &[u8]) -> Result<DecodedPhoto, PhotoError> {
     let mut decoder = open(bytes)?;
     let exif = exif(&mut decoder);
     let photo = if decoder.color_type() == ColorType::Rgb8
         && orientation(&mut decoder) == Orientation::NoTransforms
     {
-        // Decoded into its place: photos are the largest part of what is loaded.
+        // Decoded in place: photos use most of the memory of a scan.
         let (width_px, height_px) = decoder.dimensions();
         let mut photo = Photo::filled(width_px as usize, height_px as usize, [0; 3]);
         let pixels = photo.as_mut_slice().as_flattened_mut();
@@ -107,10 +105,10 @@ pub fn decode_photo(bytes: &[u8]) -> Result<DecodedPhoto, PhotoError> {
     })
 }
 
-/// Unpacks a mask: what is at least half bright is inside
+/// Decodes a mask; pixels of at least half the brightness are foreground
 ///
 /// # Errors
-/// When the bytes are no complete JPEG, PNG or WebP file of a sensible size.
+/// When the bytes are not a complete JPEG, PNG or WebP file of an accepted size.
 pub fn decode_mask(bytes: &[u8]) -> Result<Mask, PhotoError> {
     let gray = decode(open(bytes)?)?.into_luma8();
     let (width, height) = (gray.width() as usize, gray.height() as usize);
@@ -118,10 +116,10 @@ pub fn decode_mask(bytes: &[u8]) -> Result<Mask, PhotoError> {
     Ok(Mask::from_vec(width, height, inside))
 }
 
-/// Says so when a photo shows nothing
+/// Checks that a photo has contrast
 ///
 /// # Errors
-/// When nearly all pixels have one brightness: a lens cap, a failed export.
+/// When nearly all pixels have the same brightness, as with a lens cap or a failed export.
 pub fn check_contrast(photo: &Photo) -> Result<(), PhotoError> {
     let mut histogram = [0usize; 256];
     for &[r, g, b] in photo.as_slice() {
@@ -137,7 +135,7 @@ pub fn check_contrast(photo: &Photo) -> Result<(), PhotoError> {
     Ok(())
 }
 
-/// The first of the levels up to which more than `outer` pixels lie
+/// Returns the first level at which the cumulative number of pixels exceeds `outer`
 fn first_level_beyond(
     histogram: &[usize; 256],
     mut levels: impl Iterator<Item = u8>,
@@ -151,7 +149,7 @@ fn first_level_beyond(
     beyond.unwrap_or_default()
 }
 
-/// Reads as far as the size and what else comes before the pixels
+/// Reads the header up to the pixels
 fn open(bytes: &[u8]) -> Result<impl ImageDecoder + use<'_>, PhotoError> {
     if bytes.is_empty() {
         return Err(PhotoError::Empty);
@@ -181,7 +179,7 @@ fn open(bytes: &[u8]) -> Result<impl ImageDecoder + use<'_>, PhotoError> {
     Ok(decoder)
 }
 
-// Damaged EXIF is no reason to refuse a photo.
+// Damaged EXIF data is ignored.
 fn exif(decoder: &mut impl ImageDecoder) -> Option<Vec<u8>> {
     decoder.exif_metadata().ok().flatten()
 }
@@ -190,7 +188,7 @@ fn orientation(decoder: &mut impl ImageDecoder) -> Orientation {
     decoder.orientation().unwrap_or(Orientation::NoTransforms)
 }
 
-/// The picture, turned upright
+/// Decodes an image and applies its orientation
 fn decode(mut decoder: impl ImageDecoder) -> Result<DynamicImage, PhotoError> {
     let orientation = orientation(&mut decoder);
     let mut image = DynamicImage::from_decoder(decoder).map_err(PhotoError::Damaged)?;
@@ -198,10 +196,10 @@ fn decode(mut decoder: impl ImageDecoder) -> Result<DynamicImage, PhotoError> {
     Ok(image)
 }
 
-/// Whether a JPEG file reaches its end-of-image marker
+/// Returns whether a JPEG file contains its end-of-image marker
 ///
-/// Decoders paint what is missing gray. Thumbnails inside segments have an end marker of their own, so the
-/// segments are walked; what phones append after the end does not matter.
+/// Decoders fill missing data with gray. Thumbnails inside segments have their own end marker, so the segments are
+/// parsed; data after the end, which some phones append, is allowed.
 fn jpeg_is_complete(bytes: &[u8]) -> bool {
     let mut at = 2;
     loop {
@@ -230,11 +228,11 @@ fn focal_length_in_35mm_film(exif: Vec<u8>) -> Option<f64> {
     let exif = exif::Reader::new().read_raw(exif).ok()?;
     let field = exif.get_field(exif::Tag::FocalLengthIn35mmFilm, exif::In::PRIMARY)?;
     let focal_mm = field.value.get_uint(0)?;
-    // 0 is "unknown" by the standard.
+    // 0 means "unknown" in the standard.
     (focal_mm > 0).then_some(f64::from(focal_mm))
 }
 
-/// Vertical field of view of a photo whose diagonal sees as much as a film frame with that focal length
+/// Computes the vertical field of view of a photo from the equivalent focal length, by equal diagonals
 fn vertical_fov(focal_mm: f64, width_px: usize, height_px: usize) -> Option<f64> {
     let diagonal_px = (width_px as f64).hypot(height_px as f64);
     let focal_px = focal_mm / FILM_DIAGONAL_MM * diagonal_px;
@@ -244,10 +242,10 @@ fn vertical_fov(focal_mm: f64, width_px: usize, height_px: usize) -> Option<f64>
         .then_some(fov)
 }
 
-/// Shrinks a photo so that its longer side has at most `max_side_px`; each pixel becomes the mean of the
-/// area that it covers
+/// Shrinks a photo so that its longer side has at most `max_side_px`; each pixel becomes the mean of the area that it
+/// covers
 ///
-/// A photo that is small enough already is handed back as it is.
+/// A smaller photo is returned unchanged.
 pub fn shrink(photo: Photo, max_side_px: usize) -> Photo {
     let (width, height) = (photo.width(), photo.height());
     let longer = width.max(height);
@@ -282,8 +280,8 @@ pub fn shrink(photo: Photo, max_side_px: usize) -> Photo {
     Photo::from_vec(new_width, new_height, data)
 }
 
-/// For each of `to` equal parts of a line of `from` pixels: the first pixel it covers and the shares of
-/// this and the following ones
+/// For each of `to` equal parts of a line of `from` pixels: the first pixel it covers and the shares of it and the
+/// following pixels
 fn area_weights(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
     let step = from as f64 / to as f64;
     let part = |i: usize| {
@@ -319,9 +317,9 @@ pub fn resample(grid: &Grid<f32>, width: usize, height: usize) -> Grid<f32> {
     })
 }
 
-/// Where a raster that is scaled as by [`resample`] reaches a level
+/// Thresholds a raster scaled as by [`resample`] at `level`
 ///
-/// Pixels between two of the raster that are on one side are not looked at one by one.
+/// Runs of pixels between two raster columns on the same side of the level are filled without interpolation.
 pub fn resample_mask(grid: &Grid<f32>, width: usize, height: usize, level: f32) -> Mask {
     let mut mask = Mask::filled(width, height, false);
     if grid.width() == 0 || grid.height() == 0 {
@@ -352,7 +350,7 @@ pub fn resample_mask(grid: &Grid<f32>, width: usize, height: usize, level: f32) 
     mask
 }
 
-/// For each of `to` pixel centers: the two pixels of a line of `from` around it, and the share of the second
+/// For each of `to` pixel centers: the two nearest pixels of a line of `from`, and the weight of the second
 fn bilinear_weights(from: usize, to: usize) -> Vec<(usize, usize, f32)> {
     let last = from - 1;
     let weight = |i: usize| {
@@ -363,7 +361,7 @@ fn bilinear_weights(from: usize, to: usize) -> Vec<(usize, usize, f32)> {
     (0..to).map(weight).collect()
 }
 
-/// A mask as a PNG file of gray levels 0 and 255
+/// Encodes a mask as a PNG file of gray levels 0 and 255
 ///
 /// # Errors
 /// When the mask has no pixels.
@@ -373,7 +371,7 @@ pub fn encode_mask(mask: &Mask) -> Result<Vec<u8>, ImageError> {
     encode_png(&gray, mask.width(), mask.height(), image::ColorType::L8)
 }
 
-/// A photo as a PNG file
+/// Encodes a photo as a PNG file
 ///
 /// # Errors
 /// When the photo has no pixels.
@@ -398,10 +396,10 @@ fn encode_png(
     Ok(bytes.into_inner())
 }
 
-/// A photo as a JPEG file; `quality` goes from 1 to 100
+/// Encodes a photo as a JPEG file; `quality` ranges from 1 to 100
 ///
 /// # Errors
-/// When a side has no or more than 65535 pixels.
+/// When a side has 0 or more than 65535 pixels.
 pub fn encode_jpeg(photo: &Photo, quality: u8) -> Result<Vec<u8>, jpeg_encoder::EncodingError> {
     let side = |length: usize| u16::try_from(length).unwrap_or(0);
     let mut bytes = Vec::new();

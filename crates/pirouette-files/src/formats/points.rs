@@ -3,9 +3,9 @@
 use glam::DVec2;
 use thiserror::Error;
 
-/// Why bytes are no list of points
+/// Why bytes are not a list of points
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum PointsError {
     #[error("the file is not UTF-8 text")]
     NotText,
@@ -13,19 +13,19 @@ pub enum PointsError {
     Row { line: usize, found: String },
     #[error("line {line}: {number} is not a finite number")]
     NotFinite { line: usize, number: String },
-    #[error("there are no points; each line holds one \"x,y\"")]
+    #[error("there are no points; each line contains one \"x,y\"")]
     Empty,
 }
 
-/// Characters of a broken line that an error shows
+/// Maximum number of characters of an invalid line in an error message
 const SHOWN: usize = 40;
 
-/// Reads rows of `x,y`; a first line without numbers is a header, empty lines are skipped
+/// Parses rows of `x,y`; a first line without numbers is a header, empty lines are skipped
 ///
-/// Semicolons, tabs and spaces separate as well as commas.
+/// Semicolons, tabs and spaces are accepted as separators, too.
 ///
 /// # Errors
-/// When a line does not hold two finite numbers, or none does; the error names the line, from 1.
+/// When a line does not contain two finite numbers, or there are no points; the error names the line, from 1.
 pub fn parse_points(bytes: &[u8]) -> Result<Vec<DVec2>, PointsError> {
     let Ok(text) = std::str::from_utf8(bytes) else {
         return Err(PointsError::NotText);
@@ -78,7 +78,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_header_and_other_separators_are_fine() {
+    fn a_header_and_other_separators_are_accepted() {
         let points = parse_points("\u{feff}x,y\n1,2\n\n 3.5; -4e1 \r\n5\t6".as_bytes()).unwrap();
         let expected = [(1.0, 2.0), (3.5, -40.0), (5.0, 6.0)].map(|(x, y)| DVec2::new(x, y));
         assert_eq!(points, expected);

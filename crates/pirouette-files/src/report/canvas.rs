@@ -21,7 +21,7 @@ pub(super) fn mix(pixel: &mut Color, color: Color, alpha: f64) {
     }
 }
 
-/// The results of [`mix`] for every level, for one color and strength: a table for many pixels
+/// Lookup table of [`mix`] for every level, for one color and strength
 pub(super) struct Tint([[u8; 256]; 3]);
 
 impl Tint {
@@ -44,14 +44,14 @@ impl Tint {
     }
 }
 
-/// Columns or rows whose centers can lie within `reach` of the interval from `low` to `high`
+/// Returns the columns or rows whose centers can lie within `reach` of the interval from `low` to `high`
 fn span(low: f64, high: f64, reach: f64, size: usize) -> std::ops::Range<usize> {
     let end = (high + reach + 1.0).clamp(0.0, size as f64) as usize;
     let start = (low - reach - 1.0).clamp(0.0, size as f64) as usize;
     start..end
 }
 
-/// Draws straight strokes with round ends; together they cover each pixel once
+/// Draws straight strokes with round ends; each pixel is blended at most once
 pub(super) fn stroke(photo: &mut Photo, lines: &[[DVec2; 2]], width: f64, color: Color) {
     let radius = width / 2.0;
     let finite: Vec<_> = lines
@@ -120,7 +120,7 @@ pub(super) fn tint_box(
     }
 }
 
-/// Copies a picture into another, its upper left corner at `(left, top)`
+/// Copies a picture into another, with its upper left corner at `(left, top)`
 pub(super) fn paste(photo: &mut Photo, tile: &Photo, (left, top): (usize, usize)) {
     let right = (left + tile.width()).min(photo.width());
     for y in 0..tile.height() {
@@ -147,7 +147,7 @@ impl Crop {
         bottom: 1.0,
     };
 
-    /// The union of the boxes with a margin, for pictures of any size; the full picture without boxes
+    /// Returns the union of the boxes with a margin, for pictures of any size; the full picture if there are no boxes
     pub(super) fn around(boxes: impl Iterator<Item = (PixelBox, (f64, f64))>) -> Self {
         let mut union: Option<Crop> = None;
         for ((x0, y0, x1, y1), (width, height)) in boxes {
@@ -176,7 +176,8 @@ impl Crop {
         }
     }
 
-    /// Width of a tile of the given height that keeps the aspect ratio of this crop of the first non-empty picture
+    /// Returns the width of a tile of the given height that keeps the aspect ratio of this crop of the first non-empty
+    /// picture
     pub(super) fn tile_width<'a>(
         self,
         mut pictures: impl Iterator<Item = &'a Photo>,
@@ -202,13 +203,13 @@ const MAX_TILE_ASPECT: f64 = 1.6;
 /// First column and row, then the column and row after the last
 pub(super) type PixelBox = (usize, usize, usize, usize);
 
-/// The bounding box of a mask, and the size of the mask
+/// Returns the bounding box of a mask, and the size of the mask
 pub(super) fn sized_box(mask: &Mask) -> Option<(PixelBox, (f64, f64))> {
     let size = (mask.width() as f64, mask.height() as f64);
     Some((mask.bounding_box()?, size))
 }
 
-/// Resamples a crop of a picture by a box filter: each new pixel is the mean of the pixels that it covers
+/// Resamples a crop of a picture with a box filter: each new pixel is the mean of the pixels that it covers
 ///
 /// The result for an empty picture is gray.
 pub(super) fn shrink(photo: &Photo, crop: Crop, width: usize, height: usize) -> Photo {
@@ -218,7 +219,7 @@ pub(super) fn shrink(photo: &Photo, crop: Crop, width: usize, height: usize) -> 
     })
 }
 
-/// [`shrink`] for a picture that is computed row by row: `fill` receives a row, columns, and the pixels to write
+/// [`shrink`] for a picture computed row by row: `fill` receives a row, columns, and the pixels to write
 pub(super) fn shrink_rows(
     (columns, rows): (usize, usize),
     crop: Crop,
@@ -263,7 +264,7 @@ pub(super) fn shrink_rows(
     Photo::from_vec(width, height, pixels)
 }
 
-/// For each new pixel the old pixels that it covers: the first, and the covered length of each
+/// Returns for each new pixel the old pixels that it covers: the first, and the covered length of each
 fn box_weights(low: f64, high: f64, old: usize, new: usize) -> Vec<(usize, Vec<f32>)> {
     let step = (high - low) * old as f64 / new as f64;
     (0..new)
@@ -292,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stroke_of_one_pixel_through_centers_fills_just_them() {
+    fn a_stroke_of_one_pixel_through_centers_fills_only_these_pixels() {
         let mut photo = black(5, 3);
         let line = [DVec2::new(1.5, 1.5), DVec2::new(3.5, 1.5)];
         stroke(&mut photo, &[line], 1.0, [255; 3]);

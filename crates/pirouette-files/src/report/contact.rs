@@ -16,15 +16,15 @@ use pirouette_body::TurnAngle;
 pub struct ContactView<'a> {
     /// Name of the view
     pub name: &'a str,
-    /// How far the person has turned
+    /// Turn angle of the person in this view
     pub turn: TurnAngle,
     /// The photo
     pub photo: &'a Photo,
-    /// The silhouette as segmented
+    /// The segmented silhouette
     pub mask: Option<&'a Mask>,
     /// The pose-normalized silhouette
     pub normalized: Option<&'a Mask>,
-    /// Coverage of the reference at that angle, 255 where it covers a pixel completely; of any size
+    /// Coverage of the reference at this turn angle, 255 for complete coverage; of any size
     pub reference: Option<&'a Grid<u8>>,
     /// The reconstructed body as seen in this view
     pub body: Option<&'a Photo>,
@@ -33,7 +33,7 @@ pub struct ContactView<'a> {
 /// Heights of the rows of a sheet, in px
 const TILE_HEIGHT_PX: usize = 300;
 
-/// Views in one band; further views start another band below
+/// Maximum number of views in one band; further views start another band below
 const VIEWS_PER_BAND: usize = 12;
 
 /// Space between tiles, in px
@@ -42,7 +42,7 @@ const GAP_PX: usize = 6;
 /// Size of the text, in px
 const TEXT_PX: f64 = 17.0;
 
-/// Sheets of few views are no narrower than this, in px: the legend needs the room
+/// Minimum width of a sheet, in px, for the legend
 const MIN_WIDTH_PX: usize = 560;
 
 const PAPER: Color = [250, 250, 250];
@@ -50,7 +50,7 @@ const INK: Color = [40, 44, 52];
 const PALE_INK: Color = [125, 131, 142];
 const FAINT: Color = [228, 230, 234];
 const SILHOUETTE: Color = [60, 66, 78];
-/// Blue and orange are distinct for every kind of color vision
+/// Blue and orange are distinguishable with every type of color vision
 const BOTH: Color = [196, 199, 206];
 const ONLY_NORMALIZED: Color = [230, 110, 20];
 const ONLY_REFERENCE: Color = [30, 105, 210];
@@ -117,7 +117,7 @@ fn widest(texts: &[&str], lettering: &mut Lettering) -> usize {
     widths.max().unwrap_or(0)
 }
 
-/// The four tiles of a view
+/// Returns the four tiles of a view
 fn tiles(view: &ContactView, crop: Crop, width: usize) -> [Option<Photo>; 4] {
     let tile = |picture: &Photo| shrink(picture, crop, width, TILE_HEIGHT_PX);
     let mask = view.mask.map(|mask| {
@@ -136,7 +136,7 @@ fn tiles(view: &ContactView, crop: Crop, width: usize) -> [Option<Photo>; 4] {
     ]
 }
 
-/// The normalized silhouette over the reference: gray inside both, a color inside only one
+/// Draws the normalized silhouette over the reference: gray inside both, a color inside only one
 fn compare(
     normalized: Option<&Mask>,
     reference: Option<&Grid<u8>>,
@@ -168,12 +168,12 @@ fn compare(
     Some(shrink_rows(size, crop, tile_width, TILE_HEIGHT_PX, draw))
 }
 
-/// Width that keeps the aspect ratio of the crop of the first photo
+/// Returns the width that keeps the aspect ratio of the crop of the first photo
 fn tile_width(views: &[ContactView], crop: Crop) -> usize {
     crop.tile_width(views.iter().map(|view| view.photo), TILE_HEIGHT_PX)
 }
 
-/// The crop that contains all silhouettes, with a margin
+/// Returns the crop that contains all silhouettes, with a margin
 fn common_crop(views: &[ContactView]) -> Crop {
     let boxes = views.iter().flat_map(|view| {
         let reference = view.reference.and_then(|coverage| {
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn sheets_of_any_number_of_views_hold_all_tiles() {
+    fn sheets_of_any_number_of_views_contain_all_tiles() {
         let photo = Photo::filled(80, 100, [200, 10, 10]);
         let one = contact_sheet(&[bare("000", &photo)]);
         let many = contact_sheet(&vec![bare("a very long name of a view", &photo); 30]);
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_photos_and_masks_do_not_break_it() {
+    fn empty_photos_and_masks_are_accepted() {
         let nothing = Photo::filled(0, 0, [0; 3]);
         let dot = Photo::filled(1, 1, [0; 3]);
         let empty = Mask::filled(3, 3, false);

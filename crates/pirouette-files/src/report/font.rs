@@ -1,8 +1,8 @@
 //! Anti-aliased text of any size.
 //!
-//! The face is DejaVu Sans Condensed: Latin, Greek, Cyrillic and the signs of measurements, drawn for screens, and
-//! narrow enough for the titles of tiles. Characters without a glyph become U+FFFD. There is no shaping: marks that
-//! combine with a letter are drawn over it, scripts that run from right to left are not reordered.
+//! The font is DejaVu Sans Condensed: Latin, Greek, Cyrillic and measurement signs, designed for screens, and narrow
+//! enough for the titles of tiles. Characters without a glyph become U+FFFD. There is no shaping: combining marks are
+//! drawn over the letter, right-to-left scripts are not reordered.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -13,24 +13,24 @@ use pirouette_geom::Grid;
 
 use super::canvas::{Color, mix};
 
-/// Drawn in place of characters that the face does not have
+/// Replacement for characters without a glyph
 const REPLACEMENT: char = '\u{fffd}';
 
-/// Marks the place where a text was shortened
+/// Marks the position where a text was shortened
 pub(super) const ELLIPSIS: char = '…';
 
-/// Positions of a glyph within a pixel that are rasterized separately
+/// Number of horizontal glyph offsets within a pixel that are rasterized separately
 ///
-/// With one, letters of small text stand unevenly; more than four make no visible difference.
+/// With one, the letters of small text are spaced unevenly; more than four make no visible difference.
 const SUBPIXELS: f32 = 4.0;
 
-/// Height of capital letters, in parts of the size of the text
+/// Height of capital letters, relative to the size of the text
 const CAPITAL_HEIGHT: f32 = 0.729;
 
 /// Smallest and largest size of text, in px
 const SIZES_PX: (f32, f32) = (4.0, 400.0);
 
-/// Text of one size; keeps the raster of each glyph that it has drawn or measured
+/// Text of one size, with a cache of glyph rasters
 pub(super) struct Lettering {
     font: FontRef<'static>,
     size_px: f32,
@@ -41,19 +41,19 @@ pub(super) struct Lettering {
     rasters: HashMap<RasterKey, Option<Raster>>,
 }
 
-/// A glyph and its offset within a pixel, in parts of [`SUBPIXELS`]
+/// A glyph and its offset within a pixel, in units of 1 / [`SUBPIXELS`]
 type RasterKey = (GlyphId, u8);
 
-/// The ink of a glyph, trimmed to the columns and rows that have any
+/// The coverage of a glyph, cropped to the columns and rows with ink
 struct Raster {
-    /// First column, from the pixel of the pen
+    /// First column, relative to the pixel of the pen
     left: i32,
-    /// First row, from the baseline
+    /// First row, relative to the baseline
     top: i32,
     coverage: Grid<u8>,
 }
 
-/// A line of text whose glyphs have their places
+/// A line of text with positioned glyphs
 struct SetLine {
     /// Rasters and the columns of their pens, from the first column with ink
     glyphs: Vec<(RasterKey, i32)>,
@@ -62,10 +62,10 @@ struct SetLine {
 }
 
 impl Lettering {
-    /// Text whose em square has this size, in px; capital letters have three quarters of it
+    /// Creates text whose em square has this size, in px; capital letters have three quarters of it
     pub(super) fn new(size_px: f64) -> Self {
         let font = FontRef::try_from_slice(dejavu::sans_condensed::regular())
-            .expect("the embedded font is a font");
+            .expect("the embedded font is valid");
         // `max` first: it replaces NaN.
         let size_px = (size_px as f32).max(SIZES_PX.0).min(SIZES_PX.1);
         let em = font.units_per_em().unwrap_or(font.height_unscaled());
@@ -82,28 +82,28 @@ impl Lettering {
         }
     }
 
-    /// Rows that a line takes; nothing is drawn outside of them
+    /// Returns the number of rows of a line; all ink lies within them
     pub(super) fn line_px(&self) -> usize {
         self.ascent_px + self.descent_px
     }
 
-    /// Size of the em square, in px
+    /// Returns the size of the em square, in px
     pub(super) fn size_px(&self) -> f64 {
         f64::from(self.size_px)
     }
 
-    /// First row of capital letters and digits in a line, and the rows that they take
+    /// Returns the first row of capital letters and digits in a line, and their number of rows
     pub(super) fn capitals_px(&self) -> (usize, usize) {
         let height = (self.size_px * CAPITAL_HEIGHT).round() as usize;
         (self.ascent_px.saturating_sub(height), height)
     }
 
-    /// Columns from the first with ink to the last; zero for blanks
+    /// Returns the number of columns from the first with ink to the last; zero for blanks
     pub(super) fn width(&mut self, text: &str) -> usize {
         self.set(text).width
     }
 
-    /// Draws one line of text: its box has its upper left corner at `(left, top)` and [`Self::width`] columns
+    /// Draws one line of text, with its upper left corner at `(left, top)` and [`Self::width`] columns
     pub(super) fn draw(
         &mut self,
         photo: &mut Photo,
@@ -129,9 +129,9 @@ impl Lettering {
         }
     }
 
-    /// The text where it is no wider than `width_px`; else its start and its end around an ellipsis
+    /// Returns the text if it is no wider than `width_px`; otherwise its start and end around an ellipsis
     ///
-    /// Names that a counter or an angle ends stay distinct. Empty where not even the ellipsis fits.
+    /// Names that end in a counter or an angle remain distinct. Empty if not even the ellipsis fits.
     pub(super) fn shortened(&mut self, text: &str, width_px: usize) -> String {
         if self.width(text) <= width_px {
             return text.to_owned();
@@ -159,7 +159,7 @@ impl Lettering {
         }
     }
 
-    /// Places the glyphs of a line, and rasterizes those that are new
+    /// Positions the glyphs of a line, and rasterizes new ones
     fn set(&mut self, text: &str) -> SetLine {
         let mut glyphs = Vec::with_capacity(text.len());
         let mut ink: Option<(i32, i32)> = None;
@@ -200,7 +200,7 @@ impl Lettering {
         }
     }
 
-    /// `None` for glyphs without ink
+    /// Returns the raster of a glyph; `None` for glyphs without ink
     fn raster(&mut self, key: RasterKey) -> Option<&Raster> {
         let (font, scale) = (&self.font, self.scale);
         let rows = -(self.ascent_px as i32)..self.descent_px as i32;
@@ -211,7 +211,7 @@ impl Lettering {
     }
 }
 
-/// The ink of a glyph in the rows of a line, counted from the baseline
+/// Rasterizes a glyph in the rows of a line, relative to the baseline
 fn rasterize(
     font: &FontRef,
     scale: PxScale,
@@ -238,7 +238,7 @@ fn rasterize(
     })
 }
 
-/// Mixes a row of ink into a row of pixels; what lies outside is cut off
+/// Blends a row of coverage into a row of pixels, clipped to it
 fn blend(pixels: &mut [Color], first: i64, coverage: &[u8], color: Color) {
     for (x, &covered) in (first..).zip(coverage) {
         if let Ok(x) = usize::try_from(x)
@@ -255,7 +255,7 @@ mod tests {
 
     use super::*;
 
-    /// Columns and rows of the ink of a text drawn at (20, 20): first ones and those after the last
+    /// Returns the columns and rows of the ink of a text drawn at (20, 20): the first ones and those after the last
     fn drawn(lettering: &mut Lettering, text: &str) -> Option<(usize, usize, usize, usize)> {
         let size = (lettering.width(text) + 40, lettering.line_px() + 40);
         let mut photo = Photo::filled(size.0, size.1, [0; 3]);
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn marks_that_combine_take_no_columns() {
+    fn combining_marks_take_no_columns() {
         let mut lettering = Lettering::new(20.0);
         assert_eq!(lettering.width("Mu\u{308}ller"), lettering.width("Muller"));
     }
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn any_size_of_text_can_be_asked_for() {
+    fn any_size_of_text_is_accepted() {
         for size in [f64::NAN, -1.0, 0.0, f64::INFINITY] {
             assert!(Lettering::new(size).line_px() > 3);
         }
@@ -321,7 +321,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(64))]
 
         #[test]
-        fn the_measured_box_is_the_one_drawn(text in "\\PC{0,24}", size in 6.0..50.0f64) {
+        fn the_measured_box_is_drawn(text in "\\PC{0,24}", size in 6.0..50.0f64) {
             let mut lettering = Lettering::new(size);
             let width = lettering.width(&text);
             match drawn(&mut lettering, &text) {

@@ -1,11 +1,11 @@
-//! Measurements as `measurements.json` holds them.
+//! The content of `measurements.json`.
 
 use pirouette::measure::{BodyMass, Estimate, LengthUnit, Measure, Measured, Measurements};
 use pirouette::scan::{StatureFrom, Subject};
 use pirouette::sizes::Advice;
 use serde_json::{Map, Value, json};
 
-/// As `measurements.json` holds it; `advice` are its sizes
+/// Returns the content of `measurements.json`; `advice` are its sizes
 ///
 /// `{ "measurements_mm": { key: number or null }, "details": { key: { .. } }, .. }`
 pub fn measurements_json(measurements: &Measurements, advice: &[Advice]) -> Value {
@@ -56,7 +56,7 @@ pub fn measurements_json(measurements: &Measurements, advice: &[Advice]) -> Valu
     file
 }
 
-/// One measure as files show it
+/// Returns the details of one measure
 fn details(measure: Measure, measured: &Measured, unit: LengthUnit) -> Value {
     let mut map = Map::new();
     map.insert("definition".into(), json!(measure.definition()));

@@ -1,11 +1,11 @@
-//! Where labels go so that none covers another: columns of labels, and legends that wrap.
+//! Placement of labels without overlap: columns of labels, and legends with line breaks.
 
 use pirouette::scan::Photo;
 
 use super::canvas::{Color, tint_box};
 use super::font::Lettering;
 
-/// A rectangle of pixels that one label takes
+/// The rectangle of pixels of one label
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct LabelBox {
     pub(super) left: usize,
@@ -14,20 +14,20 @@ pub(super) struct LabelBox {
     pub(super) height: usize,
 }
 
-/// First rows of labels in one column: in the order given, apart, and as close as possible to the rows wanted
+/// Computes the first rows of labels in one column, in the given order and without overlap, near the wanted rows
 ///
-/// Minimizes the sum of squared distances from `wanted`, whose labels have `heights`, with all labels in the rows
-/// from 0 to `space`. What is not finite counts as row 0. Labels that do not fit into the space together continue
+/// Minimizes the sum of squared distances from `wanted` for labels with the given `heights`, within the rows from 0 to
+/// `space`. Values that are not finite are treated as row 0. Labels that do not fit into the space together continue
 /// below it.
 ///
 /// # Source
-/// Without the heights of the labels above it, each first row must be no smaller than the one before: isotonic
-/// regression, solved by pooling adjacent violators (Barlow et al. 1972, Statistical Inference under Order
-/// Restrictions, section 1.2). Limits on the rows clamp its solution.
+/// After subtracting the heights of the labels above, first rows must not decrease: isotonic regression, solved by
+/// pooling adjacent violators (Barlow et al. 1972, Statistical Inference under Order Restrictions, section 1.2). The
+/// limits on the rows clamp its solution.
 pub(super) fn spread(wanted: &[f64], heights: &[usize], space: usize) -> Vec<usize> {
     let mut above = 0;
     let mut offsets = Vec::with_capacity(heights.len());
-    // Mean and size of each pool of labels that touch
+    // Mean and size of each pool of adjacent labels
     let mut pools: Vec<(f64, usize)> = Vec::new();
     for (&row, &height) in wanted.iter().zip(heights) {
         let row = if row.is_finite() { row } else { 0.0 };
@@ -50,10 +50,10 @@ pub(super) fn spread(wanted: &[f64], heights: &[usize], space: usize) -> Vec<usi
         .collect()
 }
 
-/// What stands before the text of a legend's entry
+/// Mark in front of the text of a legend's entry
 #[derive(Debug, Clone)]
 pub(super) enum Mark {
-    /// The text has none
+    /// No mark
     None,
     /// A sample of one color
     Swatch(Color),
@@ -84,29 +84,29 @@ impl Entry {
     }
 }
 
-/// Entries that have their places, each in its own box
+/// Positioned entries, each in a separate box
 pub(super) struct Legend {
     entries: Vec<(LabelBox, Entry)>,
-    /// Columns and rows that the legend takes
+    /// Columns and rows of the legend
     pub(super) size: (usize, usize),
 }
 
-/// Columns of one color of a bar, in parts of the size of the text
+/// Columns of one color of a bar, relative to the size of the text
 const BAR_STEP: f64 = 0.6;
 
-/// Space between entries, in parts of the size of the text
+/// Space between entries, relative to the size of the text
 const ENTRY_GAP: f64 = 1.3;
 
-/// Space between a mark and its text, in parts of the size of the text
+/// Space between a mark and its text, relative to the size of the text
 const MARK_GAP: f64 = 0.45;
 
 /// Color of the line around a mark
 const FRAME: Color = [110, 116, 126];
 
 impl Legend {
-    /// Puts entries side by side into lines no wider than `width_px`; each group starts a line
+    /// Arranges entries in lines no wider than `width_px`; each group starts a line
     ///
-    /// Texts that are wider than a line are shortened.
+    /// Texts wider than a line are shortened.
     pub(super) fn new(groups: Vec<Vec<Entry>>, lettering: &mut Lettering, width_px: usize) -> Self {
         let height = lettering.line_px();
         let gap = (lettering.size_px() * ENTRY_GAP) as usize;
@@ -139,7 +139,7 @@ impl Legend {
         }
     }
 
-    /// Draws the entries, the upper left corner of the legend at `(left, top)`
+    /// Draws the entries, with the upper left corner of the legend at `(left, top)`
     pub(super) fn draw(
         &self,
         photo: &mut Photo,
@@ -165,7 +165,7 @@ impl Legend {
     }
 }
 
-/// Columns of a mark
+/// Returns the columns of a mark
 fn mark_width(mark: &Mark, lettering: &Lettering) -> usize {
     match mark {
         Mark::None => 0,
@@ -174,7 +174,7 @@ fn mark_width(mark: &Mark, lettering: &Lettering) -> usize {
     }
 }
 
-/// Columns of a mark and the space after it
+/// Returns the columns of a mark and of the space after it
 fn text_indent(mark: &Mark, lettering: &Lettering) -> usize {
     match mark_width(mark, lettering) {
         0 => 0,
@@ -182,7 +182,7 @@ fn text_indent(mark: &Mark, lettering: &Lettering) -> usize {
     }
 }
 
-/// Fills a box with stripes of the same width, with a line around them
+/// Fills a box with stripes of equal width, with a line around them
 fn framed(
     photo: &mut Photo,
     (left, top): (usize, usize),
@@ -205,10 +205,10 @@ fn framed(
     }
 }
 
-/// Space between the texts of a title, in parts of the size of the text
+/// Space between the texts of a title, relative to the size of the text
 const TITLE_GAP: f64 = 0.6;
 
-/// Draws the title of a tile, no wider than it: a name, shortened where needed, then a note in a paler color
+/// Draws the title of a tile within its width: a name, shortened if necessary, then a note in a paler color
 pub(super) fn title(
     sheet: &mut Photo,
     (left, top): (usize, usize),
@@ -232,7 +232,7 @@ pub(super) fn title(
     lettering.draw(sheet, (left + after, top), &note, note_ink);
 }
 
-/// Columns of a title whose texts are not shortened
+/// Returns the columns of a title whose texts are not shortened
 pub(super) fn title_width(name: &str, note: &str, lettering: &mut Lettering) -> usize {
     let gap = (lettering.size_px() * TITLE_GAP) as usize;
     let widths = [lettering.width(name), lettering.width(note)];
@@ -255,13 +255,13 @@ mod tests {
     }
 
     #[test]
-    fn labels_with_room_stay_where_they_are_wanted() {
+    fn labels_with_enough_space_are_placed_as_wanted() {
         assert_eq!(spread(&[5.0, 40.0, 80.4], &[20; 3], 200), [5, 40, 80]);
         assert_eq!(spread(&[], &[], 200), [0; 0]);
     }
 
     #[test]
-    fn labels_wanted_at_one_row_spread_to_both_sides() {
+    fn labels_wanted_at_one_row_spread_in_both_directions() {
         assert_eq!(spread(&[100.0; 3], &[20; 3], 200), [80, 100, 120]);
         assert_eq!(spread(&[0.0; 3], &[20; 3], 200), [0, 20, 40]);
         assert_eq!(spread(&[999.0; 3], &[20; 3], 200), [140, 160, 180]);

@@ -1,8 +1,8 @@
-//! Pictures of the results, made to locate errors at a glance.
+//! Pictures of the results, for locating errors visually.
 //!
 //! [`overlay()`] draws the results of one view over its photo, [`contact_sheet`] puts all views side by side,
-//! [`residual_sheet`] shows where the fitted body and the photos differ, and [`tape_sheet`] shows the tapes on the body. All
-//! are plain functions from data to pictures; files are written elsewhere.
+//! [`residual_sheet`] shows the differences between the fitted body and the photos, and [`tape_sheet`] shows the tapes
+//! on the body. All are functions from data to pictures and write no files.
 
 mod canvas;
 mod contact;

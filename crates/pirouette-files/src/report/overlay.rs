@@ -19,9 +19,9 @@ pub struct OverlayInput<'a> {
     pub photo: &'a Photo,
     /// The seeds of the segmentation, size of the photo
     pub seeds: Option<&'a Grid<Seed>>,
-    /// The silhouette as coverage, size of the photo; its contour at one half is drawn
+    /// The silhouette as coverage, size of the photo; its contour at the level 0.5 is drawn
     pub silhouette: Option<&'a Windowed<f32>>,
-    /// The skeleton as detected
+    /// The detected skeleton
     pub detected: &'a Keypoints,
     /// The joints of the reference skeleton, in px of the photo
     pub target: Option<&'a PerJoint<DVec2>>,
@@ -32,7 +32,7 @@ const PERSON_TINT: (Color, f64) = ([40, 210, 90], 0.34);
 const PROBABLE_PERSON_TINT: (Color, f64) = ([120, 220, 160], 0.22);
 const PROBABLE_BACKGROUND_TINT: (Color, f64) = ([250, 150, 60], 0.22);
 
-/// Height of a photo in which lines have their nominal width, in px
+/// Photo height for which the line widths are given, in px
 const NOMINAL_HEIGHT_PX: f64 = 1000.0;
 
 /// Draws seeds, outline, the detected and the target skeleton over a photo, with a legend
@@ -110,23 +110,23 @@ fn draw_skeleton(photo: &mut Photo, joints: &PerJoint<Option<DVec2>>, width: f64
 
 /// Size of the legend's text, as a fraction of the longer side of the photo
 ///
-/// The page shows overlays at 900 px: text of 17 px.
+/// The page shows overlays at 900 px, which gives text of 17 px.
 const TEXT_SIZE: f64 = 0.019;
 
-/// Smaller text is not readable, in px
+/// Minimum size of readable text, in px
 const MIN_TEXT_PX: f64 = 9.0;
 
-/// The legend takes no more than this fraction of the columns and rows where the text need not be too small for it
+/// Maximum share of the columns and rows for the legend, unless its text would become too small
 const LEGEND_EXTENT: (f64, f64) = (0.4, 0.3);
 
-/// Padding of the legend, in parts of the size of the text
+/// Padding of the legend, relative to the size of the text
 const PADDING: f64 = 0.6;
 
 const PANEL: Color = [16, 18, 22];
 const PANEL_OPACITY: f64 = 0.76;
 const PANEL_INK: Color = [240, 242, 244];
 
-/// Explains the colors in the corner that hides least of the person; left out where the photo is too small for it
+/// Draws the legend in the corner with the fewest silhouette pixels; omitted if the photo is too small for it
 fn draw_legend(photo: &mut Photo, entries: &[(&str, Color)], silhouette: Option<&Windowed<f32>>) {
     let photo_size = (photo.width(), photo.height());
     let preferred = (TEXT_SIZE * photo_size.0.max(photo_size.1) as f64).max(MIN_TEXT_PX);
@@ -151,7 +151,7 @@ fn draw_legend(photo: &mut Photo, entries: &[(&str, Color)], silhouette: Option<
     legend.draw(photo, start, &mut lettering, PANEL_INK);
 }
 
-/// A legend of one entry per line, its lettering, and the size of its panel
+/// Creates a legend of one entry per line; returns it with its lettering and the size of its panel
 fn set_legend(entries: &[(&str, Color)], text_px: f64) -> (Legend, Lettering, (usize, usize)) {
     let mut lettering = Lettering::new(text_px);
     let lines = entries
@@ -167,7 +167,7 @@ fn padding_px(lettering: &Lettering) -> usize {
     (PADDING * lettering.size_px()).ceil() as usize
 }
 
-/// Pixels of a box that the silhouette covers, counted on every fourth row
+/// Counts the pixels of a box inside the silhouette, on every fourth row
 fn inside_count(
     silhouette: &Windowed<f32>,
     (left, top): (usize, usize),
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_leaves_its_color_where_it_belongs() {
+    fn each_element_is_drawn_in_its_color() {
         let (width, height) = (300, 400);
         let photo = Photo::filled(width, height, [100; 3]);
         let seeds = Grid::from_fn(width, height, |x, y| match (x, y) {
@@ -256,7 +256,7 @@ mod tests {
                 detected: &detected,
                 target: None,
             });
-            // Its outline is drawn over the border: the person is unchanged 5 px inside of it.
+            // The outline is drawn over the border: pixels 5 px inside the person are unchanged.
             let inside = |x, y| upper_left(x + 5, y + 5) && x >= 5 && y >= 5;
             let unchanged = |x, y| !inside(x, y) || drawn[(x, y)] == [100; 3];
             assert!((0..height).all(|y| (0..width).all(|x| unchanged(x, y))));
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn odd_sizes_and_wild_joints_do_not_break_it() {
+    fn unusual_sizes_and_invalid_joints_are_accepted() {
         let wild = keypoints(&[
             (Joint::Nose, 1e18, -1e18),
             (Joint::Neck, f64::NAN, 1.0),

@@ -1,7 +1,7 @@
-//! The page `report.html`: all that was found on one page that stands alone.
+//! The page `report.html`: all results in one self-contained file.
 //!
-//! Pictures are embedded, styles are inline, there are no scripts; the page forbids itself to load anything. Every
-//! text is escaped, wherever it came from.
+//! Pictures are embedded, styles are inline, there are no scripts; the page's security policy forbids loading other
+//! content. All text is escaped, regardless of its source.
 
 use std::fmt::{Display, Write};
 
@@ -11,30 +11,30 @@ use base64::engine::general_purpose::STANDARD;
 use pirouette::measure::{Measure, Measured, Method};
 use pirouette_body::Camera;
 
-/// What the page shows; what is empty is left out
+/// Content of the page; empty parts are omitted
 #[derive(Debug)]
 pub(crate) struct Page<'a> {
-    /// What it is about, for instance the name of the scan
+    /// Title, for instance the name of the scan
     pub title: &'a str,
-    /// Name and value, for instance how many views went through
+    /// Name and value, for instance the number of usable views
     pub facts: Vec<(&'static str, String)>,
-    /// What was decided without being asked, and which views were lost
+    /// Automatic corrections and excluded views
     pub warnings: Vec<String>,
     /// In the order of the table
     pub measurements: Vec<(Measure, Measured)>,
-    /// What size charts say, chart by chart
+    /// Verdict of each size chart
     pub sizes: Vec<(String, String)>,
     /// The body with its tapes, as a JPEG file
     pub tapes: Option<Vec<u8>>,
     /// The contact sheet, as a JPEG file
     pub contact_sheet: Option<Vec<u8>>,
-    /// Where photos and fitted body disagree, as a JPEG file
+    /// Differences between the photos and the fitted body, as a JPEG file
     pub residuals: Option<Vec<u8>>,
     /// One picture per view
     pub views: Vec<PageView<'a>>,
-    /// The camera that was used
+    /// The camera of the results
     pub camera: Option<&'a Camera>,
-    /// How long each stage took
+    /// Duration of each stage
     pub seconds: Vec<(&'static str, f64)>,
 }
 
@@ -104,10 +104,8 @@ pub(crate) fn write_page(page: &Page) -> String {
         html.push_str("</div>\n");
     }
     if let Some(residuals) = &page.residuals {
-        html.push_str(
-            "<h2>What the photos and the body do not agree on</h2>\n<div class=\"wide\">",
-        );
-        let what = "distances between the outlines, in mm, and views that tell of each part";
+        html.push_str("<h2>Differences between the photos and the body</h2>\n<div class=\"wide\">");
+        let what = "distances between the outlines, in mm, and numbers of views that see each part";
         add_picture(&mut html, what, residuals);
         html.push_str("</div>\n");
     }
@@ -131,12 +129,12 @@ fn add(html: &mut String, text: std::fmt::Arguments) {
     let _ = html.write_fmt(text);
 }
 
-/// A picture as an address that holds its bytes, for pages without other files
+/// Encodes a picture as a data URI, for pages without other files
 pub fn data_uri(media_type: &str, bytes: &[u8]) -> String {
     format!("data:{media_type};base64,{}", STANDARD.encode(bytes))
 }
 
-/// A text that means itself in HTML, between tags and in quoted attributes
+/// Escapes a text for HTML, between tags and in quoted attributes
 pub fn escape_html(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {
@@ -183,7 +181,7 @@ fn add_measurements(html: &mut String, measurements: &[(Measure, Measured)]) {
         "left",
         "right",
         "above the floor",
-        "deviation",
+        "standard deviation",
         "views",
     ];
     html.push_str("<h2>Measurements</h2>\n<div class=\"wide\"><table>\n<tr><th></th>");
@@ -225,7 +223,7 @@ fn add_sizes(html: &mut String, sizes: &[(String, String)]) {
     html.push_str("</table>\n");
 }
 
-/// A cell with a number, or with a dash where there is none
+/// Adds a cell with a number, or with a dash if there is none
 fn add_number(html: &mut String, number: Option<impl Display>) {
     match number {
         Some(number) => add(html, format_args!("<td class=\"number\">{number}</td>")),
@@ -355,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn texts_are_escape_html() {
+    fn texts_are_escaped() {
         let html = write_page(&page());
         assert!(html.contains("<h1>anna &amp; &lt;ben&gt;</h1>"), "{html}");
         assert!(html.contains("&lt;script&gt;alert(&#39;hi&#39;)"), "{html}");
@@ -369,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_stands_alone() {
+    fn the_page_is_self_contained() {
         let html = write_page(&page());
         assert!(
             html.contains("src=\"data:image/jpeg;base64,/9j/\""),
@@ -384,9 +382,9 @@ mod tests {
     }
 
     #[test]
-    fn values_and_what_is_missing_are_told() {
+    fn values_and_reasons_of_missing_ones_are_shown() {
         let html = write_page(&page());
-        for told in [
+        for expected in [
             "<th>calf girth</th><td class=\"number\">361</td><td class=\"number\">-</td>",
             "± 2.2",
             "too few views show it",
@@ -394,13 +392,13 @@ mod tests {
             "views: 2 of 3",
             "<th>shop &lt;b&gt;</th><td>M (80 %)</td>",
         ] {
-            assert!(html.contains(told), "{told} in {html}");
+            assert!(html.contains(expected), "{expected} in {html}");
         }
         assert!(!html.contains("Camera"));
     }
 
     #[test]
-    fn an_empty_page_is_a_page() {
+    fn an_empty_page_is_valid() {
         let html = write_page(&Page {
             title: "",
             facts: Vec::new(),

@@ -22,28 +22,28 @@ use pirouette_body::TurnAngle;
 use pirouette_body::render;
 use pirouette_body::render::SilhouetteMesh;
 
-/// Bodies in the contact sheet are drawn at this part of the photo's size: tiles are no larger
+/// Scale of bodies in the contact sheet, relative to the photo: tiles are no larger
 const BODY_SCALE: f64 = 0.4;
 
-/// The same for references, whose outlines are compared
+/// Scale of references, whose outlines are compared
 const REFERENCE_SCALE: f64 = 0.6;
 
-/// And in the picture of residuals
+/// Scale of the bodies in the residual sheet
 const SEEN_SCALE: f64 = 0.6;
 
-/// Cells in which the vertices of a carved body are put together for pictures, in mm
+/// Cell size for clustering the vertices of a carved body for pictures, in mm
 ///
-/// Pixels of the contact sheet are about as large; carved bodies have ten vertices in each.
+/// Pixels of the contact sheet have about this size; a carved body has ten vertices in each cell.
 const CARVED_DETAIL_MM: f64 = 6.0;
 
-/// The body as pictures show it
+/// The body prepared for pictures
 pub(crate) struct DrawnBody<'a> {
     pub(crate) surface: Cow<'a, TriMesh>,
     pub(crate) mesh: SilhouetteMesh,
 }
 
 impl<'a> DrawnBody<'a> {
-    /// `None` where there is no body
+    /// Prepares the body; `None` without a body
     pub(crate) fn new(report: &'a Report) -> Option<Self> {
         let body = report.body.as_ref()?;
         // The colors of a fitted body belong to its vertices.
@@ -56,7 +56,7 @@ impl<'a> DrawnBody<'a> {
     }
 }
 
-/// Draws what was known and found over the photo of one view
+/// Draws the inputs and results of one view over its photo
 pub(crate) fn draw_overlay(view: &View, report: &Report, found: &SolvedView) -> Photo {
     let target = found.skeleton.map(|seen| {
         let reference = report.normalization_reference();
@@ -73,7 +73,7 @@ pub(crate) fn draw_overlay(view: &View, report: &Report, found: &SolvedView) -> 
 
 /// Draws all views side by side: photo, mask, normalized over reference, body
 ///
-/// A fitted body has the colors of the photos and the pose of the view, a carved one stands in the reference pose.
+/// A fitted body has the colors of the photos and the pose of the view, a carved one has the reference pose.
 pub(crate) fn draw_contact_sheet(
     loaded: &LoadedScan,
     report: &Report,
@@ -98,7 +98,7 @@ pub(crate) fn draw_contact_sheet(
                 coverage.map(|&covered| (255.0 * covered + 0.5) as u8)
             });
             let camera = seen.map(|(camera, turn)| (camera.scaled(BODY_SCALE), turn));
-            // A fitted body can stand as in the photo, to be held against it.
+            // A fitted body can be posed as in the photo, for comparison.
             let body = body.zip(camera);
             let body = body.and_then(|(DrawnBody { surface, mesh }, (camera, turn))| {
                 Some(match &report.fit {
@@ -132,7 +132,8 @@ pub(crate) fn draw_contact_sheet(
     contact_sheet(&views)
 }
 
-/// Draws how far the outlines in the photos are from the fitted body's, and how many views see each part of it
+/// Draws the distance of the outlines in the photos from the fitted body's, and the number of views that see each part
+/// of it
 ///
 /// `None` when no body was fitted.
 pub(crate) fn draw_residuals(

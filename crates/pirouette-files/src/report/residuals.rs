@@ -17,13 +17,13 @@ use pirouette_body::TurnAngle;
 pub struct ResidualView<'a> {
     /// Name of the view
     pub name: &'a str,
-    /// How far the person has turned
+    /// Turn angle of the person in this view
     pub turn: TurnAngle,
     /// The photo
     pub photo: &'a Photo,
     /// Soft silhouette in the photo
     pub silhouette: &'a Windowed<f32>,
-    /// The same, inside from a coverage of one half
+    /// The silhouette thresholded at a coverage of one half
     pub mask: &'a Mask,
     /// Silhouette of the fitted body in the pose of this view
     pub body: &'a Mask,
@@ -34,7 +34,7 @@ pub struct ResidualView<'a> {
 /// The body, each vertex in [`count_color`] of the views that see it
 #[derive(Debug, Clone, Copy)]
 pub struct SeenBody<'a> {
-    /// The side that it shows
+    /// The displayed side of the body
     pub label: &'a str,
     /// Rendering by the camera of the views
     pub picture: &'a Photo,
@@ -49,16 +49,16 @@ const GAP_PX: usize = 6;
 /// Size of the text, in px
 const TEXT_PX: f64 = 18.0;
 
-/// Sheets of few tiles are no narrower than this, in px: the legend needs the room
+/// Minimum width of a sheet, in px, for the legend
 const MIN_WIDTH_PX: usize = 640;
 
 /// Width of the outlines in the tiles, in px, without and with their dark border
 const LINE_PX: f64 = 2.4;
 const BORDER_PX: f64 = 4.4;
 
-/// Distance from which outlines have the full color, in mm
+/// Distance at which outlines reach the full color, in mm
 ///
-/// Several times the residual of a good fit (2 to 3 mm), so that only larger ones are in strong colors.
+/// Several times the residual of a good fit (2 to 3 mm), so that only larger ones have strong colors.
 const FULL_COLOR_MM: f64 = 15.0;
 
 /// Steps between white and the full color
@@ -71,20 +71,20 @@ const DARK: Color = [26, 28, 34];
 const INSIDE: Color = [40, 120, 255];
 const OUTSIDE: Color = [255, 50, 35];
 
-/// Larger distances, in px, count as this one
+/// Distances are clamped to this value, in px
 const FAR_PX: f32 = 20.0;
 
 /// Margin around silhouette and body within which distances are sampled, in px
 const MARGIN_PX: usize = 3;
 
-/// Brightness of a photo below the outlines, as a fraction
+/// Brightness of the photo behind the outlines, as a fraction
 const DIMMED: f64 = 0.45;
 
 /// Draws, for each view, the outline in the photo colored by its distance from that of the fitted body, then the bodies
 ///
-/// White is on the outline of the body, blue inside of it (the body is too large there), red outside. Distances are
-/// measured to pixels of the body, so they are accurate to half a pixel. `view_count` is the largest count in the legend
-/// of the bodies.
+/// The color is white on the outline of the body, blue inside it (the body is too large there), red outside. Distances
+/// are measured to pixels of the body, so they are accurate to half a pixel. `view_count` is the largest count in the
+/// legend of the bodies.
 pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: usize) -> Photo {
     let masks = views.iter().flat_map(|view| [view.mask, view.body]);
     let masks = masks.chain(bodies.iter().map(|body| body.silhouette));
@@ -134,7 +134,7 @@ pub fn residual_sheet(views: &[ResidualView], bodies: &[SeenBody], view_count: u
     sheet
 }
 
-/// The dimmed photo with its outline, and the mean distance of the outline, in mm
+/// Draws the dimmed photo with its outline; returns it with the mean distance of the outline, in mm
 fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f64>) {
     let mut tile = shrink(view.photo, crop, tile_width, TILE_HEIGHT_PX);
     let dimmed = Tint::new(DARK, 1.0 - DIMMED);
@@ -150,7 +150,7 @@ fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f6
         let extent = DVec2::new(crop.right - crop.left, crop.bottom - crop.top);
         offset / extent * DVec2::new(tile_width as f64, TILE_HEIGHT_PX as f64)
     };
-    // Pixels outside of both boxes are far from both outlines.
+    // Pixels outside both boxes are far from both outlines.
     let boxes = [view.mask, view.body].into_iter();
     let boxes = boxes.filter_map(|mask| mask.bounding_box());
     let (x0, y0, x1, y1) = boxes
@@ -187,14 +187,14 @@ fn tile(view: &ResidualView, crop: Crop, tile_width: usize) -> (Photo, Option<f6
     (tile, mean_mm.is_finite().then_some(mean_mm))
 }
 
-/// The pixels of a box, clipped to the grid
+/// Returns the pixels of a box, clipped to the grid
 fn cropped<T: Clone>(grid: &Grid<T>, (x0, y0, x1, y1): PixelBox) -> Grid<T> {
     let (x1, y1) = (x1.min(grid.width()), y1.min(grid.height()));
     let (x0, y0) = (x0.min(x1), y0.min(y1));
     grid.crop(x0, y0, x1 - x0, y1 - y0)
 }
 
-/// Color of a distance: blue below zero, white at zero, red above
+/// Returns the color of a distance: blue below zero, white at zero, red above
 fn step_color(step: i32) -> Color {
     let mut color = [255; 3];
     let full = if step < 0 { INSIDE } else { OUTSIDE };
@@ -204,7 +204,8 @@ fn step_color(step: i32) -> Color {
     color
 }
 
-/// Color of a vertex by the number of views that see it: dark for none, then from purple over green to yellow
+/// Returns the color of a vertex by the number of views that see it: dark for none, then from purple over green to
+/// yellow
 pub fn count_color(count: usize) -> [u8; 3] {
     const COLORS: [Color; 6] = [
         [45, 45, 48],
@@ -217,10 +218,10 @@ pub fn count_color(count: usize) -> [u8; 3] {
     COLORS[count.min(COLORS.len() - 1)]
 }
 
-/// Counts from this on have the same color
+/// Counts from this value on have the same color
 const LAST_COUNT: usize = 5;
 
-/// The scale of distances, and below it that of counts
+/// Returns the scale of distances, and the scale of counts in a second group
 fn legend_entries(view_count: usize) -> Vec<Vec<Entry>> {
     let steps = -COLOR_STEPS..=COLOR_STEPS;
     let distances = Entry {
@@ -251,7 +252,7 @@ fn legend_entries(view_count: usize) -> Vec<Vec<Entry>> {
 mod tests {
     use super::*;
 
-    /// A box whose left side lies at some column, soft
+    /// A soft-edged box whose left side lies at a given column
     fn upright(left: usize) -> Grid<f32> {
         Grid::from_fn(100, 200, |x, y| {
             f32::from(u8::from((left..70).contains(&x) && (40..160).contains(&y)))
@@ -290,14 +291,14 @@ mod tests {
         assert!(mean_mm.unwrap() < 0.5, "{mean_mm:?}");
         let (blue, red, mean_mm) = colors(20, 30);
         assert!(red > 400 && blue == 0, "{blue} {red}");
-        // 120 of 340 px are off by 20 mm, ten on either end by 10 on average
+        // 120 of 340 px are off by 20 mm, and ten at either end by 10 mm on average.
         assert!((5.0..9.0).contains(&mean_mm.unwrap()), "{mean_mm:?}");
         let (blue, red, _) = colors(40, 30);
         assert!(blue > 400 && red == 0, "{blue} {red}");
     }
 
     #[test]
-    fn sheets_hold_all_tiles_and_legends() {
+    fn sheets_contain_all_tiles_and_legends() {
         let photo = Photo::filled(100, 200, [9, 200, 9]);
         let (silhouette, body) = (upright(30), upright(35).threshold(0.5));
         let mask = silhouette.threshold(0.5);
@@ -330,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_show_does_not_break_it() {
+    fn empty_input_is_accepted() {
         assert!(residual_sheet(&[], &[], 0).width() > 0);
         let photo = Photo::filled(0, 0, [0; 3]);
         let dot = Photo::filled(1, 1, [0; 3]);

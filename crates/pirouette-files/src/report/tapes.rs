@@ -42,12 +42,12 @@ const LABEL_GAP_PX: usize = 8;
 /// Space between labels and the border of the sheet, in px
 const BORDER_PX: usize = 14;
 
-/// Tapes whose center is further to the right of the body's middle than this have their label on the right, in px
+/// Tapes whose center is farther to the right of the body's middle than this have their label on the right, in px
 const CENTRAL_PX: f64 = 12.0;
 
-/// Draws a body from the front and from its right side, tapes in red, pale where the body hides them, with their lengths
+/// Draws a body from the front and from its right side, with tapes and their lengths; hidden parts of tapes are pale
 ///
-/// `body` is in the world frame, mm; `mesh` is made of its triangles. A body without area gives an empty sheet.
+/// `body` is in the world frame, mm; `mesh` has its triangles. A body without area gives an empty sheet.
 pub fn tape_sheet(body: &TriMesh, mesh: &SilhouetteMesh, measurements: &Measurements) -> Photo {
     let (width, height) = TILE_PX;
     let sheet_height = TITLE_HEIGHT_PX + height + LEGEND_HEIGHT_PX;
@@ -96,7 +96,7 @@ struct TapeLabel {
     length: String,
 }
 
-/// Writes the labels of all tapes into the columns beside the front picture, with leader lines to their tapes
+/// Draws the labels of all tapes in the columns beside the front picture, with leader lines to their tapes
 fn draw_labels(
     sheet: &mut Photo,
     lettering: &mut Lettering,
@@ -171,7 +171,7 @@ fn draw_column(
     }
 }
 
-/// Boxes of the labels of a column, as near to their tapes as possible without overlap
+/// Returns the boxes of the labels of a column, as close to their tapes as possible without overlap
 fn column_boxes(labels: &[TapeLabel], lettering: &mut Lettering, side: Side) -> Vec<LabelBox> {
     let line = lettering.line_px() + LABEL_GAP_PX / 2;
     let top = TITLE_HEIGHT_PX as f64;
@@ -196,7 +196,7 @@ fn column_boxes(labels: &[TapeLabel], lettering: &mut Lettering, side: Side) -> 
     boxes.collect()
 }
 
-/// A camera so far away that perspective does not enlarge nearer tapes
+/// Returns a distant camera, for which perspective does not enlarge nearer tapes
 fn far_camera(low: DVec3, high: DVec3) -> Camera {
     const DISTANCE_STATURES: f64 = 6.0;
     let stature = high.y - low.y;
@@ -235,7 +235,7 @@ fn draw_tape(tile: &mut Photo, points: &[DVec3], camera: &Camera) {
     }
 }
 
-/// Name and length of a tape; `None` for right limbs, whose left ones have the label
+/// Returns the name and length of a tape; `None` for right limbs, whose left ones have the label
 fn label(girth: Girth, measurements: &Measurements) -> Option<(String, String)> {
     let measure = Measure::ALL
         .into_iter()
@@ -255,7 +255,7 @@ mod tests {
     use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
     #[test]
-    fn tapes_are_drawn_on_both_pictures_and_labelled() {
+    fn tapes_are_drawn_and_labeled_in_both_pictures() {
         let avatar = mannequin(&MannequinParameters::default()).unwrap();
         let all = measure(&MeasureInput {
             body: &avatar.mesh,
@@ -289,7 +289,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn labels_stay_in_their_column_and_apart(
+        fn labels_of_a_column_do_not_overlap(
             labels in prop::collection::vec(("\\PC{0,60}", -50.0..1200.0f64), 0..24),
             on_the_right: bool,
         ) {

@@ -1,7 +1,7 @@
-//! Scans in a folder, a zip file or memory: a manifest or bare photos, their keypoints and given masks.
+//! Scans in a folder, a zip file or memory: a manifest or only photos, their keypoints and given masks.
 //!
-//! A view that cannot be used never takes the others down: it is handed back with its reason. Only what
-//! concerns the whole folder (an unreadable manifest, a path that leaves the folder) is an error.
+//! An unusable view does not affect the others: it is returned with the reason. Only defects that concern the complete
+//! folder (an unreadable manifest, a path that points outside the folder) are errors.
 
 mod problem;
 mod view;
@@ -19,24 +19,24 @@ use crate::formats::photo::decode_photo;
 use crate::source::Source;
 use pirouette::scan::{CameraSetup, Photo, Scan, StatureFrom, View};
 use pirouette_body::TurnAngle;
-use view::{LoadedView, keypoint_places, load_view};
+use view::{LoadedView, keypoint_paths, load_view};
 
 pub use problem::{ScanError, ScanWarning, ViewError};
 #[cfg(feature = "folders")]
 pub use write::write_scan;
 pub use write::{WriteScanError, keypoint_file, scan_files};
 
-/// How a scan folder is loaded
+/// Options for loading a scan
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LoadOptions {
-    /// Longer side that larger photos are shrunk to, in px
+    /// Longer side to which larger photos are shrunk, in px
     ///
     /// Time and memory grow with its square; at 1600 px a pixel shows about 1.2 mm of a person.
     pub max_side_px: usize,
-    /// Whether views with another shape of the photo than most are left out
+    /// Whether to exclude views whose photos differ in shape from most others
     ///
-    /// A camera that was turned or cropped is another camera: such views agree with the others in
-    /// silhouettes at best.
+    /// A rotated or cropped photo means another camera: only the silhouettes of such views can be consistent with the
+    /// others.
     pub one_shape: bool,
 }
 
@@ -49,47 +49,47 @@ impl Default for LoadOptions {
     }
 }
 
-/// Photos of one shape agree in width over height within this share; scaling rounds to whole pixels
+/// Relative tolerance of width over height for photos of one shape; scaling rounds to integer pixels
 const SHAPE_TOLERANCE: f64 = 0.01;
 
-/// Longest keypoint file or manifest that is read, in bytes
+/// Maximum size of a keypoint file or manifest, in bytes
 const MAX_JSON_BYTES: u64 = 64 << 20;
 
-/// Fields of view of one camera agree within this share; more is another zoom
+/// Maximum relative spread of the fields of view of one camera; a larger spread is a different zoom
 const MAX_FOV_SPREAD: f64 = 0.03;
 
-/// Endings of photo files in a folder without a manifest, in lower case
-const PHOTO_ENDINGS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
+/// File extensions of photos in a folder without a manifest, in lower case
+const PHOTO_EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
 
-/// Ends of the names of images that are no photos: masks, OpenPose's own pictures
-const NO_PHOTO_ENDS: [&str; 2] = ["_mask", "_rendered"];
+/// Suffixes of the stems of images that are not photos: masks and images rendered by OpenPose
+const NO_PHOTO_SUFFIXES: [&str; 2] = ["_mask", "_rendered"];
 
-/// Stem of an image that is no photo: the contact sheet, where results went into the scan folder
+/// Stem of an image that is not a photo: the contact sheet, if results were written into the scan folder
 const NO_PHOTO_STEM: &str = "contact";
 
-/// What was found in a scan folder
+/// Content of a scan folder
 #[derive(Debug)]
 pub struct LoadedScan {
-    /// The views that can be used
+    /// The usable views
     pub scan: Scan,
-    /// The views that cannot
+    /// The unusable views
     pub failed: Vec<FailedView>,
-    /// What was decided without being asked
+    /// Automatic corrections
     pub warnings: Vec<ScanWarning>,
-    /// Where the photos come from
+    /// Source of the photos
     source: Source,
-    /// The photo file of each view that can be used
+    /// The photo file of each usable view
     files: Vec<String>,
 }
 
 impl LoadedScan {
-    /// The number of views given, also those that cannot be used
+    /// Returns the number of given views, including unusable ones
     pub fn given_view_count(&self) -> usize {
         self.scan.views.len() + self.failed.len()
     }
 
-    /// Reads the photo of a view again at the size that it was given at; `None` when it is not there as before
-    pub fn whole_photo(&self, view: usize) -> Option<Photo> {
+    /// Reads the photo of a view again at its original size; `None` if the file is missing or was changed
+    pub fn full_size_photo(&self, view: usize) -> Option<Photo> {
         let (file, view) = (self.files.get(view)?, self.scan.views.get(view)?);
         let bytes = self.source.read(file, view::MAX_PHOTO_BYTES).ok()?;
         let photo = decode_photo(&bytes).ok()?.photo;
@@ -103,9 +103,9 @@ impl LoadedScan {
 pub struct FailedView {
     /// Stem of the photo's file name
     pub view: String,
-    /// How far the person has turned in it
+    /// Turn angle of the person in this view
     pub turn: TurnAngle,
-    /// Why
+    /// Why it could not be loaded
     pub reason: ViewError,
 }
 
@@ -127,7 +127,7 @@ pub fn load_scan(path: &Path, options: &LoadOptions) -> Result<LoadedScan, ScanE
 /// Opens a scan folder, or a zip file of one
 ///
 /// # Errors
-/// When there is neither, or a zip file cannot be used.
+/// When it is neither, or a zip file cannot be used.
 #[cfg(feature = "folders")]
 pub fn open_source(path: &Path) -> Result<Source, ScanError> {
     Source::open(path).map_err(|error| ScanError::of_source(path.to_owned(), error))
@@ -135,11 +135,11 @@ pub fn open_source(path: &Path) -> Result<Source, ScanError> {
 
 /// Loads a scan
 ///
-/// Without a manifest, or without `views` in it, the photos are taken in the order of their names, where
-/// numbers count as numbers (`2.jpg` before `10.jpg`).
+/// Without a manifest, or without `views` in it, the photos are sorted by name, where runs of digits compare as numbers
+/// (`2.jpg` before `10.jpg`).
 ///
 /// # Errors
-/// When names or the manifest cannot be read, a path leaves the source, or there are no photos.
+/// When names or the manifest cannot be read, a path points outside the source, or there are no photos.
 pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, ScanError> {
     let manifest = read_manifest(&source)?;
     let mut warnings = Vec::new();
@@ -163,7 +163,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
         .map(|entry| load_view(&source, entry, options.max_side_px))
         .collect();
     if options.one_shape {
-        refuse_other_shapes(&mut loaded);
+        reject_other_shapes(&mut loaded);
     }
     let (mut views, mut failed, mut fields_of_view) = (Vec::new(), Vec::new(), Vec::new());
     let mut files = Vec::new();
@@ -235,7 +235,7 @@ fn check_links(source: &Source, entries: &[ManifestView]) -> Result<(), ScanErro
         for name in entry.keypoints.iter().chain(&entry.mask) {
             check_link(source, name)?;
         }
-        for name in keypoint_places(&entry.image) {
+        for name in keypoint_paths(&entry.image) {
             check_link(source, &name)?;
         }
     }
@@ -256,7 +256,7 @@ fn read_manifest(source: &Source) -> Result<Manifest, ScanError> {
     }
 }
 
-/// The photos of a scan without a manifest
+/// Finds the photos of a scan without a manifest
 fn find_photos(
     source: &Source,
     warnings: &mut Vec<ScanWarning>,
@@ -268,13 +268,13 @@ fn find_photos(
     files.retain(|name| {
         let ending = Path::new(name).extension();
         let ending = ending.map(|e| e.to_string_lossy().to_lowercase());
-        let photo = ending.is_some_and(|e| PHOTO_ENDINGS.contains(&e.as_str()));
+        let photo = ending.is_some_and(|e| PHOTO_EXTENSIONS.contains(&e.as_str()));
         photo && !name.starts_with('.')
     });
     files.sort_by(|a, b| natural_order(a, b));
     let (ignored, photos): (Vec<_>, Vec<_>) = files.into_iter().partition(|name| {
         let stem = manifest::stem(name);
-        stem == NO_PHOTO_STEM || NO_PHOTO_ENDS.iter().any(|end| stem.ends_with(end))
+        stem == NO_PHOTO_STEM || NO_PHOTO_SUFFIXES.iter().any(|end| stem.ends_with(end))
     });
     for file in ignored {
         warnings.push(ScanWarning::ImageIgnored { file });
@@ -301,15 +301,16 @@ fn find_photos(
     Ok(photos.into_iter().map(view).collect())
 }
 
-/// Compares names so that runs of digits count as numbers; `2.jpg` comes before `10.jpg`
+/// Compares names with runs of digits as numbers; `2.jpg` comes before `10.jpg`
 ///
-/// Stems go first, so that files of one stem are neighbors.
+/// Stems are compared first, so that files with the same stem are adjacent.
 fn natural_order(a: &str, b: &str) -> Ordering {
     let key = |name: &str| (pieces(&manifest::stem(name)), name.to_owned());
     key(a).cmp(&key(b))
 }
 
-/// A name as runs of digits and other characters; a number compares by its length without zeros, then its digits
+/// Splits a name into runs of digits and other characters; a number is compared by its length without leading zeros,
+/// then by its digits
 fn pieces(name: &str) -> Vec<(bool, usize, String)> {
     let mut pieces: Vec<(bool, usize, String)> = Vec::new();
     for c in name.chars() {
@@ -326,19 +327,19 @@ fn pieces(name: &str) -> Vec<(bool, usize, String)> {
             *text = digits.to_owned();
         }
     }
-    // Only zeros tell `1` from `01`; the whole name then decides.
+    // `1` and `01` differ only in zeros; the complete name then decides.
     pieces
 }
 
-/// Leaves out the views whose photos have another shape than most; of equally many, the first counts
-fn refuse_other_shapes(loaded: &mut [Result<LoadedView, ViewError>]) {
+/// Rejects the views whose photos differ in shape from most; of equally frequent shapes, the first is kept
+fn reject_other_shapes(loaded: &mut [Result<LoadedView, ViewError>]) {
     let sizes: Vec<(usize, usize)> = loaded.iter().flatten().map(|v| v.input_size_px).collect();
     let alike = |a: (usize, usize), b: (usize, usize)| {
         let shape = |(width, height): (usize, usize)| width as f64 / height as f64;
         (shape(a) / shape(b) - 1.0).abs() <= SHAPE_TOLERANCE
     };
     let votes = |size: (usize, usize)| sizes.iter().filter(|&&other| alike(size, other)).count();
-    // The last of equal maxima wins, so the order is turned around.
+    // `max_by_key` returns the last of equal maxima, so the order is reversed.
     let Some(&common) = sizes.iter().rev().max_by_key(|&&size| votes(size)) else {
         return;
     };
@@ -356,7 +357,7 @@ fn refuse_other_shapes(loaded: &mut [Result<LoadedView, ViewError>]) {
     }
 }
 
-/// The median field of view that the photos' EXIF tells
+/// Returns the median field of view by the EXIF data of the photos
 fn common_field_of_view(
     fields_of_view: &mut [f64],
     warnings: &mut Vec<ScanWarning>,

@@ -1,4 +1,4 @@
-//! What can be wrong with a scan: errors of the whole, of one view, and warnings.
+//! Problems of a scan: errors of the complete scan, of one view, and warnings.
 
 use std::io;
 use std::path::PathBuf;
@@ -10,9 +10,9 @@ use crate::formats::openpose::KeypointsError;
 use crate::formats::photo::PhotoError;
 use crate::source::SourceError;
 
-/// Why a whole scan cannot be loaded
+/// Why a scan cannot be loaded
 #[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum ScanError {
     #[error("{}: {source}", path.display())]
     Source { path: PathBuf, source: SourceError },
@@ -23,7 +23,7 @@ pub enum ScanError {
         path: PathBuf,
         source: ManifestError,
     },
-    #[error("{} leads out of the scan folder; copy the file into it", path.display())]
+    #[error("{} points outside the scan folder; copy the file into it", path.display())]
     LinkLeaves { path: PathBuf },
     #[error(
         "no photos in {}; they end in .jpg, .jpeg, .png or .webp", folder.display()
@@ -34,7 +34,7 @@ pub enum ScanError {
 }
 
 impl ScanError {
-    /// The error of a source at a path
+    /// Converts the error of a source at a path
     #[cfg(feature = "folders")]
     pub(super) fn of_source(path: PathBuf, error: SourceError) -> Self {
         match error {
@@ -46,11 +46,11 @@ impl ScanError {
 
 /// Why one view cannot be used
 #[derive(Debug, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum ViewError {
     #[error("cannot read {file}: {source}")]
     Read { file: String, source: io::Error },
-    #[error("there is no {file} in the scan folder; add it, or mend its name in scan.json")]
+    #[error("there is no {file} in the scan folder; add it, or fix its name in scan.json")]
     Missing { file: String },
     #[error("{file}: {source}")]
     Photo { file: String, source: PhotoError },
@@ -60,13 +60,13 @@ pub enum ViewError {
         source: KeypointsError,
     },
     #[error(
-        "no keypoints: there is no {file} beside the photo or in keypoints/ (OpenPose JSON, BODY_25)"
+        "no keypoints: there is no {file} next to the photo or in keypoints/ (OpenPose JSON, BODY_25)"
     )]
     NoKeypointFile { file: String },
     #[error(
-        "no keypoints: {file} holds nobody; detect again in a clearer photo, or give a mask in scan.json"
+        "no keypoints: {file} contains no person; repeat the detection with a clearer photo, or provide a mask in scan.json"
     )]
-    Nobody { file: String },
+    NoPerson { file: String },
     #[error(
         "{file} has {mask_width} x {mask_height} px, but the photo {photo_width} x {photo_height} px"
     )]
@@ -77,10 +77,10 @@ pub enum ViewError {
         photo_width: usize,
         photo_height: usize,
     },
-    #[error("{file} is empty: no pixel is person")]
+    #[error("{file} is empty: it has no foreground pixels")]
     EmptyMask { file: String },
     #[error(
-        "the photo has {width_px} x {height_px} px, another shape than the {common_width_px} x {common_height_px} px of most; all photos of a scan come from one camera, held one way"
+        "the photo has {width_px} x {height_px} px, but most photos have {common_width_px} x {common_height_px} px; take all photos of a scan with one camera in one orientation"
     )]
     OtherShape {
         width_px: usize,
@@ -90,28 +90,30 @@ pub enum ViewError {
     },
 }
 
-/// A decision that was taken without being asked
+/// An automatic correction while loading
 #[derive(Debug, Clone, PartialEq, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum ScanWarning {
     #[error(
-        "{people_count} people in the keypoint file; took the surest one near the middle of the photo"
+        "{people_count} people in the keypoint file; used the most confident one near the middle of the photo"
     )]
     SeveralPeople { view: String, people_count: usize },
     #[error(
-        "{missing_count} views have no angle_deg; took their place in an even turn, which only fits if all views are evenly spread"
+        "{missing_count} views have no angle_deg; assumed evenly spaced turn angles, which is correct only for a uniform turn"
     )]
     AnglesMissing { missing_count: usize },
     #[error(
-        "the photos were taken with different zoom ({smallest_deg:.1} to {largest_deg:.1} degrees by EXIF); took the median"
+        "the photos were taken with different zoom ({smallest_deg:.1} to {largest_deg:.1} degrees by EXIF); used the median"
     )]
     FieldsOfViewDiffer { smallest_deg: f64, largest_deg: f64 },
-    #[error("{file} was not taken as a photo; name it in scan.json to use it")]
+    #[error(
+        "{file} was ignored, since its name is not that of a photo; list it in scan.json to use it"
+    )]
     ImageIgnored { file: String },
 }
 
 impl ScanWarning {
-    /// The view that it is about, if it is about one
+    /// Returns the name of the affected view, if it concerns one
     pub fn view(&self) -> Option<&str> {
         match self {
             ScanWarning::SeveralPeople { view, .. } => Some(view),
@@ -119,7 +121,7 @@ impl ScanWarning {
         }
     }
 
-    /// Stable name for programs
+    /// Returns the stable, machine-readable code
     pub fn code(&self) -> &'static str {
         match self {
             ScanWarning::SeveralPeople { .. } => "several_people",

@@ -49,7 +49,7 @@ fn keypoint_file(confidences: &[f64]) -> String {
 }
 
 #[test]
-fn a_bare_folder_is_an_even_turn_in_name_order() {
+fn photos_without_a_manifest_are_a_uniform_turn_in_name_order() {
     let folder = TestFolder::new();
     folder
         .photo("10.png", 40, 50)
@@ -77,7 +77,7 @@ fn a_bare_folder_is_an_even_turn_in_name_order() {
 }
 
 #[test]
-fn a_failing_view_is_named_and_keeps_its_angle() {
+fn a_failing_view_is_reported_with_its_name_and_angle() {
     let folder = TestFolder::new();
     for name in ["0", "1", "2", "3", "4", "5"] {
         folder.photo(&format!("{name}.png"), 40, 50);
@@ -92,14 +92,14 @@ fn a_failing_view_is_named_and_keeps_its_angle() {
     assert!((loaded.scan.views[1].turn.degrees() - 300.0).abs() < 1e-9);
     let reasons: Vec<String> = loaded.failed.iter().map(|f| f.reason.to_string()).collect();
     assert!(reasons[0].contains("1 x 1 px"), "{reasons:?}");
-    assert!(reasons[1].contains("holds nobody"), "{reasons:?}");
+    assert!(reasons[1].contains("contains no person"), "{reasons:?}");
     assert!(reasons[2].contains("NaN"), "{reasons:?}");
     assert!(reasons[3].contains("4_keypoints.json"), "{reasons:?}");
     assert!((loaded.failed[3].turn.degrees() - 240.0).abs() < 1e-9);
 }
 
 #[test]
-fn a_given_mask_needs_no_keypoints_but_the_size_of_the_photo() {
+fn a_given_mask_replaces_keypoints_and_must_have_the_size_of_the_photo() {
     let folder = TestFolder::new();
     let mask = |width: usize| photo::encode_mask(&Mask::filled(width, 50, true)).unwrap();
     folder
@@ -146,19 +146,19 @@ fn large_photos_are_shrunk_with_their_keypoints() {
     assert_eq!(view.input_size_px, (80, 100));
     let nose = view.keypoints.get(Joint::Nose).position;
     assert!((nose.x - 5.0).abs() < 1e-9);
-    // The whole photo can be had while its file is as it was.
-    let whole = loaded.whole_photo(0).unwrap();
-    assert_eq!((whole.width(), whole.height()), (80, 100));
-    assert_eq!(whole[(3, 60)], [3, 60, 7]);
-    assert!(loaded.whole_photo(1).is_none());
+    // The full-size photo is available as long as its file is unchanged.
+    let full = loaded.full_size_photo(0).unwrap();
+    assert_eq!((full.width(), full.height()), (80, 100));
+    assert_eq!(full[(3, 60)], [3, 60, 7]);
+    assert!(loaded.full_size_photo(1).is_none());
     folder.photo("0.png", 81, 100);
-    assert!(loaded.whole_photo(0).is_none());
+    assert!(loaded.full_size_photo(0).is_none());
     folder.write("0.png", "gone");
-    assert!(loaded.whole_photo(0).is_none());
+    assert!(loaded.full_size_photo(0).is_none());
 }
 
 #[test]
-fn photos_of_another_shape_are_left_out_unless_they_stand_alone() {
+fn photos_of_another_shape_are_rejected_if_others_are_more_frequent() {
     let folder = TestFolder::new();
     for (name, width, height) in [("0", 50, 40), ("1", 40, 50), ("2", 80, 100)] {
         folder.photo(&format!("{name}.png"), width, height);
@@ -179,7 +179,7 @@ fn photos_of_another_shape_are_left_out_unless_they_stand_alone() {
 }
 
 #[test]
-fn several_people_are_told() {
+fn several_people_cause_a_warning() {
     let folder = TestFolder::new();
     folder
         .photo("0.png", 40, 50)
@@ -191,7 +191,7 @@ fn several_people_are_told() {
 }
 
 #[test]
-fn errors_of_the_whole_folder_say_where() {
+fn errors_of_the_folder_name_the_file() {
     let folder = TestFolder::new();
     assert!(matches!(folder.load(), Err(ScanError::NoPhotos { .. })));
     let nowhere = load_scan(&folder.0.path().join("nowhere"), &LoadOptions::default());
@@ -209,7 +209,7 @@ fn errors_of_the_whole_folder_say_where() {
 
 #[cfg(unix)]
 #[test]
-fn links_may_not_lead_out() {
+fn links_may_not_point_outside() {
     let outside = TestFolder::new();
     outside.photo("secret.png", 40, 50).keypoints("secret.json");
     let folder = TestFolder::new();
@@ -234,7 +234,7 @@ fn links_may_not_lead_out() {
 }
 
 #[test]
-fn numbers_in_names_count_as_numbers() {
+fn digits_in_names_compare_as_numbers() {
     let mut names = vec!["b1", "a10", "a2", "a02", "a", "10", "9", "x1y2", "x1y10"];
     names.sort_by(|a, b| natural_order(a, b));
     assert_eq!(
@@ -244,7 +244,7 @@ fn numbers_in_names_count_as_numbers() {
 }
 
 #[test]
-fn a_written_scan_is_read_back() {
+fn a_written_scan_reads_back_unchanged() {
     let mut keypoints = Keypoints::default();
     for (index, joint) in Joint::ALL.into_iter().enumerate() {
         keypoints.set(

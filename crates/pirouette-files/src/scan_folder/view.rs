@@ -13,10 +13,10 @@ use crate::source::{MAX_ENTRY_BYTES, Source};
 use pirouette::scan::Photo;
 use pirouette_body::Keypoints;
 
-/// Longest photo file that is read, in bytes
+/// Maximum size of a photo file, in bytes
 pub(super) const MAX_PHOTO_BYTES: u64 = MAX_ENTRY_BYTES;
 
-/// What the files of one view hold
+/// Content of the files of one view
 pub(super) struct LoadedView {
     pub(super) photo: Photo,
     pub(super) input_size_px: (usize, usize),
@@ -26,7 +26,7 @@ pub(super) struct LoadedView {
     pub(super) vertical_fov_radians: Option<f64>,
 }
 
-/// Reads the files of one view, and shrinks what is larger than the method needs
+/// Reads the files of one view, and shrinks photos larger than `max_side_px`
 pub(super) fn load_view(
     source: &Source,
     entry: &ManifestView,
@@ -107,30 +107,30 @@ fn load_mask(
     Ok(mask)
 }
 
-/// Where the keypoints of a photo are looked for
-pub(super) fn keypoint_places(image: &str) -> [String; 2] {
+/// Returns the default paths of a photo's keypoint file
+pub(super) fn keypoint_paths(image: &str) -> [String; 2] {
     let file = format!("{}_keypoints.json", manifest::stem(image));
-    let beside = match image.rsplit_once('/') {
+    let sibling = match image.rsplit_once('/') {
         Some((folder, _)) => format!("{folder}/{file}"),
         None => file.clone(),
     };
-    [beside, format!("keypoints/{file}")]
+    [sibling, format!("keypoints/{file}")]
 }
 
-/// The person's keypoints and the number of people; with a given mask a view may do without
+/// Returns the person's keypoints and the number of people; keypoints are optional if a mask is given
 fn load_keypoints(
     source: &Source,
     entry: &ManifestView,
     width_px: usize,
     height_px: usize,
 ) -> Result<(Keypoints, usize), ViewError> {
-    let places = keypoint_places(&entry.image);
+    let paths = keypoint_paths(&entry.image);
     let file = match &entry.keypoints {
         Some(file) => Some(file),
-        None => places.iter().find(|place| source.contains(place)),
+        None => paths.iter().find(|path| source.contains(path)),
     };
     let Some(file) = file else {
-        let [file, _] = places;
+        let [file, _] = paths;
         return match entry.mask {
             Some(_) => Ok((Keypoints::default(), 0)),
             None => Err(ViewError::NoKeypointFile { file }),
@@ -144,7 +144,7 @@ fn load_keypoints(
         }
     })?;
     if detection.keypoints.found_count() == 0 && entry.mask.is_none() {
-        return Err(ViewError::Nobody { file: file.clone() });
+        return Err(ViewError::NoPerson { file: file.clone() });
     }
     Ok((detection.keypoints, detection.people_count))
 }

@@ -1,4 +1,4 @@
-//! Writing scans into folders or memory, as demonstrations and tests need them.
+//! Writing scans into folders or memory, for demonstrations and tests.
 
 use std::collections::BTreeMap;
 #[cfg(feature = "folders")]
@@ -16,29 +16,29 @@ use pirouette_body::Keypoints;
 use pirouette_body::ReferencePose;
 use pirouette_body::Sex;
 
-/// Quality of written photos; as cameras write them
+/// JPEG quality of written photos, typical of cameras
 const JPEG_QUALITY: u8 = 92;
 
-/// Why a scan folder could not be written
+/// Why a scan could not be written
 #[derive(Debug, Error)]
 pub enum WriteScanError {
-    /// No room, or not allowed
+    /// Writing fails
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// JPEG files have 1 to 65535 pixels per side
+    /// Not encodable: JPEG files have 1 to 65535 pixels per side
     #[error("the photo of view {view} cannot be a JPEG file: {source}")]
     Photo {
-        /// The view
+        /// Name of the view
         view: String,
-        /// What the encoder says
+        /// Error of the encoder
         source: jpeg_encoder::EncodingError,
     },
-    /// PNG files need a pixel
+    /// Not encodable: PNG files have at least one pixel
     #[error("the mask of view {view} cannot be a PNG file: {source}")]
     Mask {
-        /// The view
+        /// Name of the view
         view: String,
-        /// What the encoder says
+        /// Error of the encoder
         source: image::ImageError,
     },
 }
@@ -53,7 +53,7 @@ pub fn write_scan(folder: &Path, scan: &Scan) -> Result<(), WriteScanError> {
     put_scan(&Sink::Folder(folder.to_owned()), scan)
 }
 
-/// Makes the files that [`write_scan`] writes in memory: bytes by name
+/// Encodes the files that [`write_scan`] writes, in memory: bytes by name
 ///
 /// # Errors
 /// When an encoder rejects a photo or a mask.
@@ -91,7 +91,7 @@ fn put_view(sink: &Sink, view: &View) -> Result<(), WriteScanError> {
     Ok(())
 }
 
-/// One person as OpenPose JSON 1.3
+/// Returns one person as OpenPose JSON 1.3
 pub fn keypoint_file(keypoints: &Keypoints) -> serde_json::Value {
     let rounded = |value: f64, digits: f64| (value * digits).round() / digits;
     let numbers: Vec<f64> = keypoints

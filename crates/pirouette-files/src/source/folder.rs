@@ -1,4 +1,4 @@
-//! A folder of the file system that nothing may lead out of.
+//! A folder of the file system, with a check that links do not point outside it.
 
 use std::fs;
 use std::io;
@@ -33,7 +33,7 @@ impl Folder {
     pub(super) fn top_names(&self) -> io::Result<Vec<String>> {
         let mut names = Vec::new();
         for entry in fs::read_dir(&self.path)? {
-            // Names that are no text cannot be named in results either.
+            // Results cannot contain names that are not Unicode either.
             let Ok(name) = entry?.file_name().into_string() else {
                 continue;
             };
@@ -49,16 +49,16 @@ impl Folder {
     }
 
     pub(super) fn is_inside(&self, name: &str) -> bool {
-        // What does not exist leads nowhere; reading it then fails.
+        // A missing file is not outside; reading it fails.
         let canonical = self.path.join(name).canonicalize();
         canonical.map_or(true, |file| file.starts_with(&self.canonical))
     }
 
     pub(super) fn read(&self, name: &str, limit: u64) -> io::Result<Vec<u8>> {
         let path = self.path.join(name);
-        // A pipe would block, a device never end.
+        // Opening a pipe would block; a device may be endless.
         if !fs::metadata(&path)?.is_file() {
-            return Err(io::Error::other("not a plain file"));
+            return Err(io::Error::other("not a regular file"));
         }
         read_bounded(fs::File::open(&path)?, limit)
     }

@@ -1,7 +1,8 @@
-//! Where scans come from: a folder, a zip file, or files in memory.
+//! Sources of scans: a folder, a zip file, or files in memory.
 //!
-//! All three list names, read one file up to a limit, and name files in messages; loading a scan needs no more. Names are
-//! relative, separated by `/`, and never lead out of the source. A zip file is not unpacked: files are read from it one by one.
+//! A source lists file names, reads one file up to a size limit, and provides file paths for messages. Names are
+//! relative, separated by `/`, and never point outside the source. A zip file is not unpacked: files are read from it
+//! one by one.
 
 #[cfg(feature = "folders")]
 mod folder;
@@ -47,7 +48,7 @@ struct Memory {
 /// Why the files of a scan cannot be used
 #[derive(Debug, Error)]
 #[non_exhaustive]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum SourceError {
     #[error(
         "neither a folder nor a zip file; a scan is a folder of photos with keypoint files, or a zip file of one"
@@ -55,19 +56,21 @@ pub enum SourceError {
     Neither,
     #[error("cannot be read: {0}")]
     Read(#[source] io::Error),
-    #[error("damaged zip file: {0}; make it again")]
+    #[error("damaged zip file: {0}; create it again")]
     Damaged(#[source] io::Error),
     #[error(
-        "the name {name:?} leads out of the scan; names are relative, with \"/\" between folders and without \"..\""
+        "the name {name:?} points outside the scan; names are relative, with \"/\" between folders and without \"..\""
     )]
     NameLeaves { name: String },
-    #[error("{name} is contained twice; remove one of them")]
+    #[error("{name} occurs twice; remove one of them")]
     SameName { name: String },
-    #[error("{name} is a link; replace it by the file that it points to")]
+    #[error("{name} is a link; replace it with the file that it points to")]
     Link { name: String },
-    #[error("{name} is encrypted; make the zip file without a password")]
+    #[error("{name} is encrypted; create the zip file without a password")]
     Encrypted { name: String },
-    #[error("{name} is compressed by {method}; make the zip file with the usual method (deflate)")]
+    #[error(
+        "{name} is compressed by {method}; create the zip file with the usual method (deflate)"
+    )]
     Method { name: String, method: String },
     #[error("{count} files and folders; at most {MAX_ENTRY_COUNT} are accepted")]
     TooMany { count: usize },
@@ -85,7 +88,7 @@ impl Source {
     /// Opens a folder or a zip file
     ///
     /// # Errors
-    /// When there is neither, it cannot be read, or a zip file breaks a limit of this module.
+    /// When the path is neither of them, it cannot be read, or a zip file exceeds a limit of this module.
     #[cfg(feature = "folders")]
     pub fn open(path: &Path) -> Result<Self, SourceError> {
         let files = if path.is_dir() {
@@ -100,10 +103,10 @@ impl Source {
         Ok(Self { files })
     }
 
-    /// Files in memory; `name` stands for them in messages
+    /// Creates a source from files in memory; `name` identifies them in messages
     ///
     /// # Errors
-    /// When a name leads out of the scan or is contained twice.
+    /// When a name points outside the scan or occurs twice.
     pub fn from_files<N: Into<String>, B: Into<Arc<[u8]>>>(
         name: &str,
         files: impl IntoIterator<Item = (N, B)>,
@@ -124,10 +127,10 @@ impl Source {
         })
     }
 
-    /// A zip file in memory; `name` stands for it in messages
+    /// Opens a zip file in memory; `name` identifies it in messages
     ///
     /// # Errors
-    /// When the bytes are no zip file, or break a limit of this module.
+    /// When the bytes are not a zip file, or exceed a limit of this module.
     pub fn from_zip(name: &str, bytes: impl Into<Arc<[u8]>>) -> Result<Self, SourceError> {
         let bytes: Arc<[u8]> = bytes.into();
         let bytes = Box::new(io::Cursor::new(bytes));
@@ -136,7 +139,7 @@ impl Source {
         })
     }
 
-    /// What the scan is called: the name of the folder, or of the zip file without its ending
+    /// Returns the title of the scan: the name of the folder, or of the zip file without its extension
     pub fn title(&self) -> String {
         match &self.files {
             #[cfg(feature = "folders")]
@@ -146,7 +149,7 @@ impl Source {
         }
     }
 
-    /// The path of the source, for messages
+    /// Returns the path of the source, for messages
     pub fn path(&self) -> PathBuf {
         match &self.files {
             #[cfg(feature = "folders")]
@@ -156,12 +159,12 @@ impl Source {
         }
     }
 
-    /// The path of a file, for messages
+    /// Returns the path of a file, for messages
     pub fn path_of(&self, name: &str) -> PathBuf {
         self.path().join(name)
     }
 
-    /// The names of the files that lie in no folder of the source, in no particular order
+    /// Returns the names of the files at the top level of the source, in unspecified order
     ///
     /// # Errors
     /// When a folder cannot be listed.
@@ -175,7 +178,7 @@ impl Source {
         })
     }
 
-    /// Whether there is a file of that name
+    /// Returns whether a file of this name exists
     pub fn contains(&self, name: &str) -> bool {
         let plain = plain_name(name);
         match &self.files {
@@ -186,7 +189,7 @@ impl Source {
         }
     }
 
-    /// Whether a file, where there is one, lies in the source, also by links
+    /// Returns whether a file lies inside the source after following links; true for missing files
     pub fn is_inside(&self, name: &str) -> bool {
         match &self.files {
             #[cfg(feature = "folders")]
@@ -195,10 +198,10 @@ impl Source {
         }
     }
 
-    /// The content of a file of at most `limit` bytes
+    /// Reads a file of at most `limit` bytes
     ///
     /// # Errors
-    /// When there is no such file, it is no plain file, it is larger than `limit`, or it cannot be read.
+    /// When the file does not exist, is not a regular file, is larger than `limit`, or cannot be read.
     pub fn read(&self, name: &str, limit: u64) -> io::Result<Cow<'_, [u8]>> {
         let plain = || plain_name(name).ok_or_else(|| io::Error::from(io::ErrorKind::NotFound));
         match &self.files {
@@ -216,14 +219,14 @@ impl Source {
     }
 }
 
-/// Whether a path is relative and stays inside what it is relative to, by its spelling alone
+/// Returns whether a path is relative and stays inside its base, judged by its text alone
 ///
-/// No system may find a root, a drive or a stream in it that another does not.
+/// Roots, drives and streams are rejected in the notation of every system.
 pub fn stays_inside(path: &str) -> bool {
     plain_name(path).is_some()
 }
 
-/// A path that stays inside, without `.` and empty parts
+/// Removes `.` and empty parts from a path; `None` if it points outside
 fn plain_name(path: &str) -> Option<String> {
     if path.starts_with('/') || path.contains(['\\', ':', '\0']) {
         return None;
@@ -233,7 +236,7 @@ fn plain_name(path: &str) -> Option<String> {
     (!parts.is_empty() && !parts.contains(&"..")).then(|| parts.join("/"))
 }
 
-/// At most `limit` bytes of a reader; more are an error
+/// Reads at most `limit` bytes; more are an error
 fn read_bounded(reader: impl Read, limit: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     reader

@@ -28,7 +28,7 @@ fn open(bytes: Vec<u8>) -> Result<Source, SourceError> {
 }
 
 #[track_caller]
-fn refused(bytes: Vec<u8>) -> String {
+fn rejected(bytes: Vec<u8>) -> String {
     open(bytes).unwrap_err().to_string()
 }
 
@@ -38,7 +38,7 @@ fn sorted_names(source: &Source) -> Vec<String> {
     names
 }
 
-/// Replaces each occurrence of some bytes by others of the same number
+/// Replaces each occurrence of a byte sequence by another of the same length
 fn patched(mut bytes: Vec<u8>, from: &[u8], to: &[u8]) -> Vec<u8> {
     assert_eq!(from.len(), to.len());
     let mut found = 0;
@@ -53,7 +53,7 @@ fn patched(mut bytes: Vec<u8>, from: &[u8], to: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn memory_zip_and_folder_list_and_read_alike() {
+fn memory_zip_and_folder_list_and_read_the_same_files() {
     let files: [(&str, &[u8]); 3] = [
         ("000.jpg", b"photo"),
         ("scan.json", b"{}"),
@@ -93,7 +93,7 @@ fn memory_zip_and_folder_list_and_read_alike() {
 }
 
 #[test]
-fn one_top_folder_is_looked_into_and_clutter_of_desktops_is_ignored() {
+fn a_single_top_folder_is_stripped_and_desktop_metadata_is_ignored() {
     let source = open(zip_of(&[
         ("anna/000.jpg", b"photo"),
         ("anna/keypoints/000_keypoints.json", b"{}"),
@@ -110,7 +110,7 @@ fn one_top_folder_is_looked_into_and_clutter_of_desktops_is_ignored() {
 }
 
 #[test]
-fn names_that_leave_the_scan_are_refused() {
+fn names_that_point_outside_the_scan_are_rejected() {
     for name in [
         "../a.jpg",
         "a/../../b.jpg",
@@ -120,8 +120,8 @@ fn names_that_leave_the_scan_are_refused() {
         "a\0.jpg",
         "..",
     ] {
-        let message = refused(zip_of(&[("000.jpg", b"photo"), (name, b"x")]));
-        assert!(message.contains("leads out of the scan"), "{message}");
+        let message = rejected(zip_of(&[("000.jpg", b"photo"), (name, b"x")]));
+        assert!(message.contains("points outside the scan"), "{message}");
         let memory = Source::from_files("anna", [(name, b"x".to_vec())]);
         assert!(matches!(memory, Err(SourceError::NameLeaves { .. })));
     }
@@ -130,41 +130,39 @@ fn names_that_leave_the_scan_are_refused() {
 }
 
 #[test]
-fn links_twins_and_secrets_are_refused() {
+fn links_duplicates_and_encrypted_files_are_rejected() {
     let link = zipped(|writer| {
         let options = SimpleFileOptions::default();
         writer
             .add_symlink("000.jpg", "/etc/passwd", options)
             .unwrap();
     });
-    assert!(refused(link).contains("000.jpg is a link"));
+    assert!(rejected(link).contains("000.jpg is a link"));
     let twins = patched(
         zip_of(&[("a.jpg", b"1"), ("b.jpg", b"2")]),
         b"b.jpg",
         b"a.jpg",
     );
-    assert!(refused(twins).contains("twice"));
-    assert!(
-        refused(zip_of(&[("a.jpg", b"1"), ("./a.jpg", b"2")])).contains("a.jpg is contained twice")
-    );
+    assert!(rejected(twins).contains("twice"));
+    assert!(rejected(zip_of(&[("a.jpg", b"1"), ("./a.jpg", b"2")])).contains("a.jpg occurs twice"));
     assert!(Source::from_files("anna", [("a", [1]), ("./a", [2])]).is_err());
-    // The flag of encryption in the local and the central header of the one entry
+    // The encryption flag in the local and the central header of the single entry
     let mut secret = zip_of(&[("a.jpg", b"1")]);
     let central = secret.windows(4).position(|w| w == b"PK\x01\x02").unwrap();
     secret[6] |= 1;
     secret[central + 8] |= 1;
-    assert!(refused(secret).contains("a.jpg is encrypted"));
+    assert!(rejected(secret).contains("a.jpg is encrypted"));
     let mut other = zip_of(&[("a.jpg", b"1")]);
     other[8] = 14;
     other[central + 10] = 14;
-    let message = refused(other);
+    let message = rejected(other);
     assert!(message.contains("a.jpg is compressed by"), "{message}");
 }
 
 #[test]
-fn bombs_are_refused() {
+fn zip_bombs_are_rejected() {
     let zeros = vec![0; (1 << 20) + 1];
-    let message = refused(zip_of(&[("0.jpg", &zeros)]));
+    let message = rejected(zip_of(&[("0.jpg", &zeros)]));
     assert!(message.contains("times larger uncompressed"), "{message}");
     let many = zipped(|writer| {
         for index in 0..=MAX_ENTRY_COUNT {
@@ -172,8 +170,8 @@ fn bombs_are_refused() {
             writer.start_file(index.to_string(), options).unwrap();
         }
     });
-    assert!(refused(many).contains("10001 files"));
-    // Sizes that the central headers claim
+    assert!(rejected(many).contains("10001 files"));
+    // Sizes claimed by the central headers
     let claims = |bytes: u32, entries: usize| {
         let names: Vec<String> = (0..entries).map(|i| format!("{i}.jpg")).collect();
         let files: Vec<(&str, &[u8])> = names.iter().map(|n| (&n[..], &b"x"[..])).collect();
@@ -186,35 +184,35 @@ fn bombs_are_refused() {
         }
         zip
     };
-    assert!(refused(claims(600 << 20, 1)).contains("0.jpg has 629145600 bytes"));
-    assert!(refused(claims(500 << 20, 9)).contains("more than 4294967296 bytes"));
+    assert!(rejected(claims(600 << 20, 1)).contains("0.jpg has 629145600 bytes"));
+    assert!(rejected(claims(500 << 20, 9)).contains("more than 4294967296 bytes"));
 }
 
 #[test]
-fn headers_that_lie_end_the_reading() {
+fn reading_fails_if_a_header_claims_a_wrong_size() {
     let content = vec![7; 5000];
     for claimed in [4999_u32, 5001] {
         let mut zip = zip_of(&[("a.jpg", &content)]);
         let central = zip.windows(4).position(|w| w == b"PK\x01\x02").unwrap();
         zip[central + 24..central + 28].copy_from_slice(&claimed.to_le_bytes());
-        // The archive finds a larger file itself; a smaller one is ours to find.
+        // The archive reports a larger file itself; a smaller one is detected here.
         let error = open(zip).unwrap().read("a.jpg", 1 << 20).unwrap_err();
         let message = error.to_string();
         assert!(
-            message.contains("uncompressed size") || message.contains("its header says"),
+            message.contains("uncompressed size") || message.contains("stated in its header"),
             "{message}"
         );
     }
 }
 
 #[test]
-fn what_is_no_zip_file_is_named_so() {
+fn files_that_are_not_zip_files_are_reported() {
     for bytes in [&b""[..], b"PK", b"\x89PNG\r\n\x1a\n....", b"Rar!\x1a\x07"] {
-        assert!(refused(bytes.to_vec()).contains("neither a folder nor a zip file"));
+        assert!(rejected(bytes.to_vec()).contains("neither a folder nor a zip file"));
     }
-    let whole = zip_of(&[("a.jpg", b"photo")]);
-    for length in 4..whole.len() {
-        let message = refused(whole[..length].to_vec());
+    let complete = zip_of(&[("a.jpg", b"photo")]);
+    for length in 4..complete.len() {
+        let message = rejected(complete[..length].to_vec());
         assert!(message.contains("damaged zip file"), "{message}");
     }
 }

@@ -1,7 +1,7 @@
-//! Zip files, read entry by entry; none of what their headers claim is trusted.
+//! Zip files, read entry by entry; their headers are untrusted.
 //!
-//! Names, kinds, methods and claimed sizes of all entries are checked once, when the file is opened. Reading an entry stops
-//! at its claimed size, so that the checked sum bounds what is inflated even when headers lie.
+//! Names, kinds, methods and claimed sizes of all entries are checked once, when the file is opened. Reading an entry
+//! stops at its claimed size, so that the checked sum bounds what is inflated even when headers lie.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,28 +13,29 @@ use zip::{CompressionMethod, ZipArchive};
 
 use super::{SourceError, plain_name, read_bounded};
 
-/// Files and folders in a zip file; 72 views with photo, keypoints and mask are 217
+/// Maximum number of files and folders in a zip file; 72 views with photo, keypoints and mask are 217
 pub const MAX_ENTRY_COUNT: usize = 10_000;
 
-/// Uncompressed bytes of one entry: the longest photo file that is read
+/// Maximum uncompressed size of one entry, in bytes; also the maximum size of a photo file
 pub const MAX_ENTRY_BYTES: u64 = 512 << 20;
 
-/// Uncompressed bytes of all entries: 72 photos of 50 MB have 3.6 GB
+/// Maximum uncompressed size of all entries, in bytes; 72 photos of 50 MB have 3.6 GB
 pub const MAX_TOTAL_BYTES: u64 = 4 << 30;
 
-/// How many times larger an entry may become
+/// Maximum ratio of uncompressed to compressed size of an entry
 ///
-/// Deflate reaches 1032 times, on zeros. In the zip file of a rendered scan, photos become 1.0 times larger, keypoint files 1.8,
-/// masks 2.2 and manifests 4.3 times.
+/// Deflate reaches 1032, on zeros. In the zip file of a rendered scan, the ratio is 1.0 for photos, 1.8 for keypoint
+/// files,
+/// 2.2 for masks and 4.3 for manifests.
 pub const MAX_RATIO: u64 = 200;
 
-/// Entries up to this size, in bytes, may have any ratio: an empty form compresses well and harms no one
+/// Entries up to this size, in bytes, may have any ratio: short repetitive text compresses well and is harmless
 const SMALL_BYTES: u64 = 1 << 20;
 
-/// What a zip file begins with: the first entry, or the end where there is none
+/// First bytes of a zip file: the first entry's header, or the end record of an empty archive
 const SIGNATURES: [[u8; 4]; 2] = [*b"PK\x03\x04", *b"PK\x05\x06"];
 
-/// Bytes that can be read from any place
+/// Bytes with random access
 pub(super) trait Bytes: Read + Seek + Send + fmt::Debug {}
 
 impl<T: Read + Seek + Send + fmt::Debug> Bytes for T {}
@@ -42,9 +43,9 @@ impl<T: Read + Seek + Send + fmt::Debug> Bytes for T {}
 /// An open zip file
 pub(super) struct ZipFile {
     name: String,
-    /// Behind a lock, since reading moves the place; decoding photos takes most of the time, and happens outside
+    /// Locked, since reading moves the position; decoding photos takes most of the time and happens outside the lock
     archive: Mutex<ZipArchive<Box<dyn Bytes>>>,
-    /// Number and size of each file in the archive by its name in the scan
+    /// Index and size of each file in the archive by its name in the scan
     files: BTreeMap<String, Entry>,
 }
 
@@ -67,7 +68,7 @@ impl ZipFile {
             Err(error) if error.kind() != io::ErrorKind::UnexpectedEof => {
                 return Err(SourceError::Read(error));
             }
-            // Also spares the search for the end in large files of other kinds.
+            // Also avoids searching for the end record in large files of other kinds.
             _ if !SIGNATURES.contains(&signature) => return Err(SourceError::Neither),
             _ => {}
         }
@@ -110,19 +111,19 @@ impl ZipFile {
         let content = read_bounded(entry, bytes).map_err(|error| match error.kind() {
             io::ErrorKind::FileTooLarge => io::Error::new(
                 io::ErrorKind::InvalidData,
-                "more bytes than its header says",
+                "more bytes than stated in its header",
             ),
             _ => error,
         })?;
         if (content.len() as u64) < bytes {
-            let fewer = "fewer bytes than its header says";
+            let fewer = "fewer bytes than stated in its header";
             return Err(io::Error::new(io::ErrorKind::InvalidData, fewer));
         }
         Ok(content)
     }
 }
 
-/// The files of an archive by name, with all limits checked
+/// Checks all limits and returns the files of an archive by name
 fn checked_files(
     archive: &ZipArchive<Box<dyn Bytes>>,
 ) -> Result<BTreeMap<String, Entry>, SourceError> {
@@ -171,7 +172,7 @@ fn checked_files(
         }
     }
     if archive.has_duplicate_names() {
-        // The archive keeps the last of them and its place only.
+        // The archive keeps only the last entry of each name.
         return Err(SourceError::SameName {
             name: "a file".to_owned(),
         });
@@ -197,14 +198,14 @@ fn check_size(name: &str, bytes: u64, compressed_bytes: u64) -> Result<(), Sourc
     Ok(())
 }
 
-/// What macOS adds to zip files and folders
+/// Returns whether macOS added a file to the archive as metadata
 fn is_clutter(name: &str) -> bool {
     name.starts_with("__MACOSX/") || name.rsplit('/').next() == Some(".DS_Store")
 }
 
-/// The files as seen from the one folder that holds all of them, where there is one
+/// Strips the top folder from all names if it contains all files
 ///
-/// Desktop programs zip a folder together with its name.
+/// Desktop programs include the name of a zipped folder.
 fn without_top_folder(files: BTreeMap<String, Entry>) -> BTreeMap<String, Entry> {
     let mut tops = files.keys().map(|name| name.split_once('/'));
     let first = tops.next().flatten().map(|(top, _)| top.to_owned());

@@ -1,4 +1,4 @@
-//! Binary glTF 2.0: one mesh with normals in meters, with its colors and bones where it has some.
+//! Binary glTF 2.0: one mesh with normals in meters, with optional colors and bones.
 
 use glam::{DMat4, DVec3};
 use pirouette_geom::TriMesh;
@@ -10,15 +10,15 @@ use pirouette_body::render::linear_from_srgb;
 
 const METERS_PER_MM: f64 = 1e-3;
 
-/// The bytes of a GLB file: y up, meters (`body` is in millimeters), vertex normals, one matte material
+/// Returns the bytes of a GLB file: y up, meters (`body` is in millimeters), vertex normals, one matte material
 ///
-/// A skinned body comes with one node per bone, named as Blender mirrors them (`forearm.L`), none of them
-/// rotated; other programs pose it by turning them.
+/// A skinned body has one node per bone, all without rotation and named so that Blender recognizes the sides
+/// (`forearm.L`); other programs pose it by rotating them.
 ///
 /// # Panics
-/// When a triangle names a vertex that does not exist, or there are colors or skinning weights for some vertices only.
+/// When a triangle refers to a vertex that does not exist, or colors or skinning weights do not match the vertices.
 pub fn write_glb(body: &BodyMesh) -> Vec<u8> {
-    // glTF forbids empty accessors: without triangles the node stays empty.
+    // glTF forbids empty accessors: without triangles the node has no mesh.
     let (document, binary) = if body.mesh.triangles.is_empty() {
         (
             json!({
@@ -64,7 +64,7 @@ const FLOAT: u32 = 5126;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
-/// The buffer of a document, and what describes it
+/// The buffer of a document, with its views and accessors
 #[derive(Default)]
 struct Buffer {
     binary: Vec<u8>,
@@ -73,7 +73,7 @@ struct Buffer {
 }
 
 impl Buffer {
-    /// Appends values, whose elements take whole words, and hands back their accessor
+    /// Appends values, whose elements are multiples of four bytes, and returns their accessor
     fn push(&mut self, bytes: &[u8], target: Option<u32>, mut accessor: Value) -> usize {
         let mut view =
             json!({ "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len() });
@@ -93,7 +93,7 @@ fn float_bytes(values: impl IntoIterator<Item = f64>) -> Vec<u8> {
     floats.flat_map(f32::to_le_bytes).collect()
 }
 
-/// The document and its buffer
+/// Returns the document and its buffer
 fn with_mesh(body: &BodyMesh) -> (Value, Vec<u8>) {
     let mut buffer = Buffer::default();
     let (mut attributes, indices) = push_surface(&mut buffer, body.mesh);
@@ -105,7 +105,7 @@ fn with_mesh(body: &BodyMesh) -> (Value, Vec<u8>) {
         );
         push_colors(&mut buffer, colors, &mut attributes);
     }
-    // Colors are multiplied with the material's.
+    // Vertex colors are multiplied by the color of the material.
     let base = if body.colors.is_some() { 1.0 } else { 0.8 };
     let mut scene = vec![0];
     let mut nodes = vec![json!({ "name": "body", "mesh": 0 })];
@@ -157,7 +157,7 @@ fn with_mesh(body: &BodyMesh) -> (Value, Vec<u8>) {
     (document, buffer.binary)
 }
 
-/// Positions, normals and indices; hands back the attributes and the accessor of the indices
+/// Writes positions, normals and indices; returns the attributes and the accessor of the indices
 fn push_surface(buffer: &mut Buffer, mesh: &TriMesh) -> (Value, usize) {
     let vertex_count = mesh.positions.len();
     let meters = |p: &DVec3| (*p * METERS_PER_MM).to_array().map(|v| v as f32);
@@ -179,7 +179,7 @@ fn push_surface(buffer: &mut Buffer, mesh: &TriMesh) -> (Value, usize) {
         Some(ARRAY_BUFFER),
         json!({ "componentType": FLOAT, "count": vertex_count, "type": "VEC3", "min": lo, "max": hi }),
     );
-    // glTF asks for unit normals, also where the surface has no area.
+    // glTF requires unit normals, also at vertices without area.
     let normals = mesh.vertex_normals().into_iter().flat_map(|normal| {
         let normal = if normal == DVec3::ZERO {
             DVec3::Y
@@ -204,10 +204,10 @@ fn push_surface(buffer: &mut Buffer, mesh: &TriMesh) -> (Value, usize) {
     (attributes, indices)
 }
 
-/// Linear colors: in 16 bits, because 8 would leave steps in the dark
+/// Writes linear colors in 16 bits, since 8 bits would cause visible steps in dark colors
 fn push_colors(buffer: &mut Buffer, colors: &[[u8; 3]], attributes: &mut Value) {
     let level = |v: u8| (65535.0 * linear_from_srgb(f32::from(v) / 255.0)).round() as u16;
-    // The fourth channel, opaque, fills the last word.
+    // The fourth channel, opaque, pads the elements to words.
     let levels = colors
         .iter()
         .flat_map(|c| [level(c[0]), level(c[1]), level(c[2]), u16::MAX]);
@@ -221,7 +221,7 @@ fn push_colors(buffer: &mut Buffer, colors: &[[u8; 3]], attributes: &mut Value) 
     ));
 }
 
-/// Four bones per vertex and their weights
+/// Writes four bones per vertex and their weights
 fn push_weights(buffer: &mut Buffer, skin: &Skin, attributes: &mut Value) {
     let (mut joints, mut weights) = (Vec::new(), Vec::new());
     for weight in skin.weights {
@@ -278,9 +278,9 @@ fn bone_nodes(skin: &Skin, first: usize) -> impl Iterator<Item = Value> {
     })
 }
 
-/// Name of a bone's node: the side comes last, by which Blender and Rigify know it
+/// Returns the name of a bone's node, with the side as a suffix, as Blender and Rigify expect
 ///
-/// The root is called by where it is, because in many rigs a `root` lies on the floor.
+/// The root is named `hips`, because in many rigs `root` lies on the floor.
 fn node_name(bone: Bone) -> String {
     let name = bone.name();
     if bone == Bone::Root {
@@ -305,7 +305,7 @@ mod tests {
     use pirouette_body::{Avatar, ReferencePose};
 
     #[test]
-    fn a_gltf_reader_finds_the_mesh_in_meters() {
+    fn a_gltf_reader_reads_the_mesh_in_meters() {
         let mesh = TriMesh {
             positions: vec![
                 DVec3::ZERO,
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn colors_are_linear_in_the_file() {
+    fn colors_are_stored_as_linear_values() {
         let mesh = TriMesh {
             positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
             triangles: vec![[0, 1, 2]],
@@ -377,17 +377,17 @@ mod tests {
             pose,
             ..MannequinParameters::default()
         };
-        mannequin(&parameters).expect("a usual person")
+        mannequin(&parameters).expect("valid parameters")
     }
 
     #[test]
-    fn a_skinned_body_is_read_back_as_the_same_avatar() {
+    fn a_skinned_body_reads_back_as_the_same_avatar() {
         for pose in [ReferencePose::A, ReferencePose::T] {
             let avatar = woman(pose);
             let bytes = write_glb(&BodyMesh::from(&avatar));
             let read = load_avatar(&bytes, pose).expect("it was just written");
             read.check().expect("a sound avatar");
-            // Vertices come in another order, triangles do not.
+            // The order of vertices differs, that of triangles does not.
             assert_eq!(read.mesh.triangles.len(), avatar.mesh.triangles.len());
             for bone in Bone::ALL {
                 let (a, b) = (read.bone_heads, avatar.bone_heads);
@@ -406,12 +406,12 @@ mod tests {
                 .zip(&corners(&avatar))
                 .map(|(a, b)| (*a - *b).length())
                 .fold(0.0, f64::max);
-            assert!(off < 0.02, "posed alike to {off} mm");
+            assert!(off < 0.02, "posed vertices differ by {off} mm");
         }
     }
 
     #[test]
-    fn every_bone_is_a_joint_that_hangs_on_its_parent() {
+    fn every_bone_is_a_joint_attached_to_its_parent() {
         let avatar = woman(ReferencePose::A);
         let bytes = write_glb(&BodyMesh::from(&avatar));
         let gltf = gltf::Gltf::from_slice(&bytes).expect("the document is valid");

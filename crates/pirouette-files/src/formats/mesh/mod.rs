@@ -1,10 +1,10 @@
-//! Triangle meshes as files: PLY, OBJ, OFF, STL and GLB out; PLY, OBJ and OFF in.
+//! Triangle mesh files: writes PLY, OBJ, OFF, STL and GLB; reads PLY, OBJ and OFF.
 //!
-//! All functions work on bytes. Coordinates are in the caller's unit and frame, but for GLB, which is
-//! meters by its standard and written from millimeters. Text formats carry every number exactly, in
-//! the fewest digits that read back the same. Readers take any bytes: they answer with a mesh or with
-//! an error that names the place, and reserve no memory for what the file only promises. Polygons
-//! are split into fans; colors, normals and texture coordinates are skipped.
+//! All functions work on bytes. Coordinates are in the caller's unit and frame, except for GLB, which is written from
+//! millimeters in the meters of its standard. Text formats store every number exactly, in the fewest digits that parse
+//! to the same value. Readers accept any bytes: they return a mesh or an error with the position, and do not reserve
+//! memory for counts claimed by the file. Polygons are split into fans; colors, normals and texture coordinates are
+//! skipped.
 
 mod glb;
 mod obj;
@@ -27,23 +27,23 @@ pub use off::{read_off, write_off};
 pub use ply::{read_ply, write_ply};
 pub use stl::write_stl;
 
-/// A body to write, with what some formats keep besides the surface
+/// A body to write, with attributes that some formats support
 #[derive(Debug, Clone, Copy)]
 pub struct BodyMesh<'a> {
-    /// The surface; in millimeters, world frame, where the format has a unit and a frame
+    /// The surface; in millimeters, world frame, if the format has a unit and a frame
     pub mesh: &'a TriMesh,
-    /// Color of each vertex (sRGB), same order as the mesh's positions; PLY and GLB keep them
+    /// Color of each vertex (sRGB), same order as the mesh's positions; written to PLY and GLB
     pub colors: Option<&'a [[u8; 3]]>,
-    /// How bones move it; GLB keeps it
+    /// Bones and skinning weights; written to GLB
     pub skin: Option<Skin<'a>>,
 }
 
-/// How bones move a surface
+/// Bones and skinning weights of a surface
 #[derive(Debug, Clone, Copy)]
 pub struct Skin<'a> {
     /// One skinning weight per vertex, same order as the mesh's positions
     pub weights: &'a [SkinWeight],
-    /// Where each bone turns, in the frame of the mesh
+    /// Joint position of each bone, in the frame of the mesh
     pub bone_heads: &'a PerBone<DVec3>,
 }
 
@@ -75,7 +75,7 @@ impl<'a> From<&'a Avatar> for BodyMesh<'a> {
 pub enum MeshFormat {
     /// Stanford polygon file, binary, little endian
     Ply,
-    /// Binary glTF 2.0: meters, y up, with normals, and bones where there are some
+    /// Binary glTF 2.0: meters, y up, with normals and optional bones
     Glb,
     /// Wavefront OBJ, text
     Obj,
@@ -86,7 +86,7 @@ pub enum MeshFormat {
 }
 
 impl MeshFormat {
-    /// All formats, the usual one first
+    /// All formats, the default first
     pub const ALL: [MeshFormat; 5] = [
         MeshFormat::Ply,
         MeshFormat::Glb,
@@ -95,7 +95,7 @@ impl MeshFormat {
         MeshFormat::Off,
     ];
 
-    /// Ending of file names, without the dot
+    /// Returns the file extension, without the dot
     pub fn extension(self) -> &'static str {
         match self {
             MeshFormat::Ply => "ply",
@@ -106,17 +106,17 @@ impl MeshFormat {
         }
     }
 
-    /// The format whose files end so, in any case; `None` for an unknown ending
+    /// Returns the format of a file extension, in any case; `None` if it is unknown
     pub fn from_extension(extension: &str) -> Option<Self> {
         Self::ALL
             .into_iter()
             .find(|format| format.extension().eq_ignore_ascii_case(extension))
     }
 
-    /// The bytes of a file with this mesh or avatar, in millimeters
+    /// Returns the bytes of a file with this mesh or avatar, in millimeters
     ///
     /// # Panics
-    /// When a triangle names a vertex that does not exist, or there are colors or skinning weights for some vertices only.
+    /// When a triangle refers to a vertex that does not exist, or colors or skinning weights do not match the vertices.
     pub fn write<'a>(self, body: impl Into<BodyMesh<'a>>) -> Vec<u8> {
         let body = body.into();
         let mesh = body.mesh;
@@ -130,7 +130,7 @@ impl MeshFormat {
     }
 }
 
-/// A place in a mesh file
+/// A position in a mesh file
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
     /// Line of a text file, from 1
@@ -151,40 +151,40 @@ impl fmt::Display for Place {
 /// Why bytes are not a mesh
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ReadMeshError {
-    /// Something else stands where the format asks for this
+    /// The file contains something else than the format requires
     #[error("{place}: expected {expected}, found {found:?}")]
     Unexpected {
-        /// Where
+        /// Position in the file
         place: Place,
-        /// What the format asks for
+        /// What the format requires
         expected: &'static str,
-        /// What stands there, shortened
+        /// What the file contains, shortened
         found: String,
     },
-    /// The file stops too early
+    /// The file is truncated
     #[error("{place}: the file ends where {expected} should follow")]
     Ended {
-        /// Where the file ends
+        /// Position of the end of the file
         place: Place,
         /// What is missing
         expected: &'static str,
     },
-    /// A face names a vertex that does not exist
+    /// A face refers to a vertex that does not exist
     #[error("{place}: there is no vertex {vertex} among {vertex_count}")]
     MissingVertex {
-        /// Where
+        /// Position in the file
         place: Place,
         /// The vertex as written in the file
         vertex: i64,
-        /// How many vertices there are
+        /// Number of vertices
         vertex_count: usize,
     },
-    /// More vertices than 32-bit indices can name
-    #[error("{place}: {vertex_count} vertices are more than 32-bit indices can name")]
+    /// More vertices than 32-bit indices support
+    #[error("{place}: {vertex_count} vertices are more than 32-bit indices support")]
     TooManyVertices {
-        /// Where
+        /// Position in the file
         place: Place,
-        /// How many vertices the file promises
+        /// Number of vertices claimed by the file
         vertex_count: u64,
     },
 }
@@ -196,7 +196,7 @@ fn push_fan(triangles: &mut Vec<[u32; 3]>, polygon: &[u32]) {
     }
 }
 
-/// The vertex index of a number in a file that counts from 0
+/// Returns the vertex index of a number in a file that counts from 0
 fn vertex_index(number: i64, vertex_count: usize, place: Place) -> Result<u32, ReadMeshError> {
     usize::try_from(number)
         .ok()
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn extensions_name_their_formats() {
+    fn extensions_identify_their_formats() {
         for format in MeshFormat::ALL {
             assert_eq!(MeshFormat::from_extension(format.extension()), Some(format));
             assert!(!format.write(&octahedron()).is_empty());
@@ -267,7 +267,7 @@ mod tests {
         );
     }
 
-    /// Bytes that look enough like a mesh file to get past the header
+    /// Bytes similar enough to a mesh file to pass the header
     fn mesh_like() -> impl Strategy<Value = Vec<u8>> {
         let word = prop_oneof![
             "[ \n\r]{1,2}",
@@ -316,7 +316,7 @@ mod tests {
         }
 
         #[test]
-        fn text_formats_keep_every_bit(
+        fn text_formats_are_lossless(
             coordinates in prop::collection::vec(prop::num::f64::NORMAL | prop::num::f64::SUBNORMAL, 9),
         ) {
             let mesh = TriMesh {

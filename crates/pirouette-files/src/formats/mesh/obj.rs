@@ -8,7 +8,7 @@ use pirouette_geom::TriMesh;
 use super::text::{Lines, parse, push_point, unexpected};
 use super::{Place, ReadMeshError, push_fan};
 
-/// The bytes of an OBJ file
+/// Returns the bytes of an OBJ file
 pub fn write_obj(mesh: &TriMesh) -> Vec<u8> {
     let mut text = String::from("o body\n");
     for &point in &mesh.positions {
@@ -23,16 +23,16 @@ pub fn write_obj(mesh: &TriMesh) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Reads the vertices and faces of an OBJ file; groups, materials, curves and the rest are skipped
+/// Reads the vertices and faces of an OBJ file; other statements are skipped
 ///
 /// # Errors
-/// When a vertex or face line is broken or names a vertex that does not exist; the error names the line.
+/// When a vertex or face line is invalid or refers to a vertex that does not exist; the error names the line.
 pub fn read_obj(bytes: &[u8]) -> Result<TriMesh, ReadMeshError> {
     const VERTEX: &str = "a vertex number";
     let mut lines = Lines::new(bytes);
     let mut mesh = TriMesh::default();
     let mut polygon = Vec::new();
-    // Faces may stand before their vertices: the largest number of all is checked at the end.
+    // Faces may precede their vertices: the largest index is checked at the end.
     let mut largest: Option<(u32, Place)> = None;
     while let Some(mut line) = lines.next() {
         match line.next() {
@@ -86,19 +86,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn obj_keeps_every_bit() {
+    fn obj_is_lossless() {
         assert_eq!(read_obj(&write_obj(&octahedron())), Ok(octahedron()));
     }
 
     #[test]
-    fn vertices_count_from_one_or_from_the_end() {
+    fn vertices_are_numbered_from_one_or_from_the_end() {
         let text = "mtllib a.mtl\no square\nv 0 0 0 1.0\nv 1 0 0\nv 1 1 0\nvt 0 0\nf 1/1/1 2//1 3/1\nv 0 1 0\nf -4 -2 -1 # back\n";
         let mesh = read_obj(text.as_bytes()).expect("all vertices are there");
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
     }
 
     #[test]
-    fn broken_files_are_named() {
+    fn invalid_files_are_reported_with_the_line() {
         for (text, message) in [
             (
                 "v 1 2\n",

@@ -8,7 +8,7 @@ use pirouette_geom::TriMesh;
 use super::text::{Lines, parse, push_point, unexpected};
 use super::{ReadMeshError, push_fan, vertex_index};
 
-/// The bytes of an OFF file
+/// Returns the bytes of an OFF file
 pub fn write_off(mesh: &TriMesh) -> Vec<u8> {
     let mut text = format!("OFF\n{} {} 0\n", mesh.positions.len(), mesh.triangles.len());
     for &point in &mesh.positions {
@@ -21,7 +21,7 @@ pub fn write_off(mesh: &TriMesh) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Reads an OFF file, also with colors or normals behind the coordinates (COFF, NOFF) or without the keyword
+/// Reads an OFF file, also with colors or normals after the coordinates (COFF, NOFF) or without the keyword
 ///
 /// # Errors
 /// When the bytes are not an OFF file in text form; the error names the line.
@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn off_keeps_every_bit() {
+    fn off_is_lossless() {
         assert_eq!(read_off(&write_off(&octahedron())), Ok(octahedron()));
     }
 
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn dialects_are_understood() {
+    fn dialects_are_accepted() {
         let plain = read_off(b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n");
         for dialect in [
             "OFF 3 1 0\r\n0 0 0\r\n1 0 0\r\n0 1 0\r\n3 0 1 2\r\n",
@@ -101,12 +101,12 @@ mod tests {
     #[test]
     fn polygons_become_fans() {
         let mesh = read_off(b"OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n2 0 1\n");
-        let mesh = mesh.expect("a square is fine");
+        let mesh = mesh.expect("a square is valid");
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
     }
 
     #[test]
-    fn broken_files_are_named() {
+    fn invalid_files_are_reported_with_the_line() {
         for (bytes, message) in [
             (
                 "",
@@ -131,7 +131,7 @@ mod tests {
             ),
             (
                 "OFF\n99999999999 0 0\n",
-                "line 2: 99999999999 vertices are more than 32-bit indices can name",
+                "line 2: 99999999999 vertices are more than 32-bit indices support",
             ),
         ] {
             let error = read_off(bytes.as_bytes()).expect_err(bytes);

@@ -6,12 +6,12 @@ use pirouette_geom::TriMesh;
 use super::text::{Lines, Words, parse, unexpected};
 use super::{Place, ReadMeshError, push_fan, vertex_index};
 
-/// The bytes of a binary little-endian PLY file, with one color per vertex if given
+/// Returns the bytes of a binary little-endian PLY file, with one color per vertex if given
 ///
 /// Coordinates are rounded to 32 bits: a tenth of a micrometer on a body in millimeters.
 ///
 /// # Panics
-/// When `colors` does not hold one color per vertex.
+/// When `colors` does not have one color per vertex.
 pub fn write_ply(mesh: &TriMesh, colors: Option<&[[u8; 3]]>) -> Vec<u8> {
     if let Some(colors) = colors {
         assert_eq!(colors.len(), mesh.positions.len(), "one color per vertex");
@@ -136,7 +136,7 @@ struct Header {
 }
 
 impl Header {
-    /// Reads the header; also returns where the body starts
+    /// Reads the header; also returns the offset of the body
     fn read(bytes: &[u8]) -> Result<(Self, usize), ReadMeshError> {
         const FORMAT: &str = "a format: ascii, binary_little_endian or binary_big_endian";
         const KEYWORD: &str = "format, element, property, comment or end_header";
@@ -222,12 +222,12 @@ impl Header {
     }
 }
 
-/// Where the values of the elements come from
+/// A reader of the values of the elements
 trait Values {
-    /// Where the value read last stands
+    /// Returns the position of the last value read
     fn place(&self) -> Place;
 
-    /// The next value
+    /// Reads the next value
     fn next(&mut self, kind: Scalar) -> Result<f64, ReadMeshError>;
 }
 
@@ -276,7 +276,7 @@ struct BinaryValues<'a> {
 }
 
 impl BinaryValues<'_> {
-    /// The next bytes, least significant first
+    /// Reads the next bytes, least significant first
     fn take<const N: usize>(&mut self) -> Result<[u8; N], ReadMeshError> {
         let (head, rest) = self
             .rest
@@ -318,7 +318,7 @@ impl Values for BinaryValues<'_> {
 fn read_elements(elements: &[Element], values: &mut impl Values) -> Result<TriMesh, ReadMeshError> {
     let mut mesh = TriMesh::default();
     let mut polygons: Vec<(Vec<u32>, Place)> = Vec::new();
-    // Faces may come before the vertices: their numbers are checked at the end.
+    // Faces may precede the vertices: their indices are checked at the end.
     for element in elements.iter().filter(|e| !e.properties.is_empty()) {
         if element.name == b"vertex" && u32::try_from(element.count).is_err() {
             return Err(ReadMeshError::TooManyVertices {
@@ -326,7 +326,7 @@ fn read_elements(elements: &[Element], values: &mut impl Values) -> Result<TriMe
                 vertex_count: element.count,
             });
         }
-        // Every item holds at least one value: the loop ends with the file, whatever the count.
+        // Every item has at least one value: the loop ends at the end of the file, regardless of the count.
         for _ in 0..element.count {
             let mut point = [0.0; 3];
             for property in &element.properties {
@@ -386,7 +386,7 @@ fn read_elements(elements: &[Element], values: &mut impl Values) -> Result<TriMe
     Ok(mesh)
 }
 
-/// A vertex number as read; whether the vertex exists is checked later
+/// Converts a vertex number; whether the vertex exists is checked later
 fn vertex_number(value: f64, place: Place) -> Result<u32, ReadMeshError> {
     let number = value as u32;
     if f64::from(number) == value {
@@ -405,7 +405,7 @@ mod tests {
     use super::super::tests::octahedron;
     use super::*;
 
-    /// The octahedron with coordinates that 32 bits hold
+    /// The octahedron with coordinates representable in 32 bits
     fn rounded() -> TriMesh {
         let mut mesh = octahedron();
         for p in &mut mesh.positions {
@@ -415,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn binary_ply_goes_out_and_in() {
+    fn binary_ply_round_trips() {
         assert_eq!(read_ply(&write_ply(&octahedron(), None)), Ok(rounded()));
         let colors = [[1, 2, 3]; 6];
         let colored = write_ply(&octahedron(), Some(&colors));
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_files_are_named() {
+    fn invalid_files_are_reported_with_the_position() {
         let head = "ply\nformat ascii 1.0\n";
         for (text, message) in [
             (
@@ -471,7 +471,7 @@ mod tests {
             ),
             (
                 format!("{head}element vertex 9000000000\nproperty float x\nend_header\n"),
-                "line 5: 9000000000 vertices are more than 32-bit indices can name",
+                "line 5: 9000000000 vertices are more than 32-bit indices support",
             ),
             (
                 format!(

@@ -1,17 +1,17 @@
-//! Binary stereolithography files: every triangle with its normal and its own three corners.
+//! Binary stereolithography files: every triangle with its normal and three separate corners.
 
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 
-/// The bytes of a binary STL file
+/// Returns the bytes of a binary STL file
 ///
 /// # Panics
-/// When a triangle names a vertex that does not exist.
+/// When a triangle refers to a vertex that does not exist.
 pub fn write_stl(mesh: &TriMesh) -> Vec<u8> {
     const HEADER_BYTES: usize = 80;
     const TRIANGLE_BYTES: usize = 50;
     let mut bytes = Vec::with_capacity(HEADER_BYTES + 4 + TRIANGLE_BYTES * mesh.triangles.len());
-    // Readers take a file that begins with "solid" for the text variant.
+    // Readers interpret files that begin with "solid" as the text variant.
     bytes.extend(b"binary STL, lengths in millimeters");
     bytes.resize(HEADER_BYTES, b' ');
     bytes.extend((mesh.triangles.len() as u32).to_le_bytes());
@@ -34,7 +34,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn triangles_take_fifty_bytes_behind_the_count() {
+    fn triangles_take_fifty_bytes_after_the_count() {
         let mesh = octahedron();
         let bytes = write_stl(&mesh);
         assert_eq!(bytes.len(), 84 + 50 * mesh.triangles.len());
@@ -43,7 +43,7 @@ mod tests {
             let word: [u8; 4] = bytes[at..at + 4].try_into().expect("four bytes");
             f32::from_le_bytes(word)
         };
-        // First corner of the first triangle, behind the normal
+        // First corner of the first triangle, after the normal
         assert!((float(84 + 12) - 1.0 / 3.0).abs() < 1e-7);
         let normal = DVec3::new(float(84).into(), float(88).into(), float(92).into());
         assert!((normal.length() - 1.0).abs() < 1e-6);

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::{Place, ReadMeshError};
 
-/// The lines of a text file that hold more than white space and comments, each split into words
+/// The lines of a text file that contain more than white space and comments, each split into words
 #[derive(Debug, Clone)]
 pub(super) struct Lines<'a> {
     rest: &'a [u8],
@@ -27,7 +27,7 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// The next line that holds a word; `None` at the end
+    /// Returns the next line with a word; `None` at the end
     pub(super) fn next(&mut self) -> Option<Words<'a>> {
         while !self.rest.is_empty() {
             let end = self.rest.iter().position(|&b| b == b'\n');
@@ -46,7 +46,7 @@ impl<'a> Lines<'a> {
         None
     }
 
-    /// The next line that holds a word, or an error that tells what is missing
+    /// Returns the next line with a word, or an error that names what is missing
     pub(super) fn expect(&mut self, expected: &'static str) -> Result<Words<'a>, ReadMeshError> {
         self.next().ok_or(ReadMeshError::Ended {
             place: Place::Line(self.line),
@@ -60,7 +60,7 @@ impl<'a> Words<'a> {
         Self { rest: line, place }
     }
 
-    /// The next word of the line; `None` at its end
+    /// Returns the next word of the line; `None` at its end
     pub(super) fn next(&mut self) -> Option<&'a [u8]> {
         let line = self.rest.trim_ascii_start();
         let end = line.iter().position(u8::is_ascii_whitespace);
@@ -69,12 +69,12 @@ impl<'a> Words<'a> {
         (!word.is_empty()).then_some(word)
     }
 
-    /// Whether another word follows
+    /// Returns whether another word follows
     pub(super) fn more(&self) -> bool {
         !self.rest.trim_ascii_start().is_empty()
     }
 
-    /// The next word, or an error that tells what is missing
+    /// Returns the next word, or an error that names what is missing
     pub(super) fn expect(&mut self, expected: &'static str) -> Result<&'a [u8], ReadMeshError> {
         let place = self.place;
         self.next().ok_or(ReadMeshError::Unexpected {
@@ -84,7 +84,7 @@ impl<'a> Words<'a> {
         })
     }
 
-    /// The next word as a finite number
+    /// Parses the next word as a finite number
     pub(super) fn number(&mut self) -> Result<f64, ReadMeshError> {
         const EXPECTED: &str = "a finite number";
         let word = self.expect(EXPECTED)?;
@@ -93,14 +93,14 @@ impl<'a> Words<'a> {
             .ok_or_else(|| unexpected(self.place, EXPECTED, word))
     }
 
-    /// The next word as an integer
+    /// Parses the next word as an integer
     pub(super) fn integer(&mut self) -> Result<i64, ReadMeshError> {
         const EXPECTED: &str = "an integer";
         let word = self.expect(EXPECTED)?;
         parse(word).ok_or_else(|| unexpected(self.place, EXPECTED, word))
     }
 
-    /// The next word as a count
+    /// Parses the next word as a count
     pub(super) fn count(&mut self) -> Result<u64, ReadMeshError> {
         const EXPECTED: &str = "a count";
         let word = self.expect(EXPECTED)?;
@@ -108,12 +108,12 @@ impl<'a> Words<'a> {
     }
 }
 
-/// Reads a whole word as a value
+/// Parses a complete word as a value
 pub(super) fn parse<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
 
-/// The error for a word that does not fit
+/// Returns the error for an unexpected word
 pub(super) fn unexpected(place: Place, expected: &'static str, found: &[u8]) -> ReadMeshError {
     const SHOWN_BYTES: usize = 40;
     let shown = &found[..found.len().min(SHOWN_BYTES)];
@@ -124,10 +124,10 @@ pub(super) fn unexpected(place: Place, expected: &'static str, found: &[u8]) -> 
     }
 }
 
-/// Writes a number in the fewest digits that read back the same
+/// Writes a number in the fewest digits that parse to the same value
 pub(super) fn push_number(text: &mut String, value: f64) {
     let magnitude = value.abs();
-    // Outside this range, plain notation would write more zeros than digits.
+    // Outside this range, plain notation would have more zeros than digits.
     let written = if magnitude == 0.0 || (1e-5..1e17).contains(&magnitude) {
         write!(text, "{value}")
     } else {
@@ -136,7 +136,7 @@ pub(super) fn push_number(text: &mut String, value: f64) {
     written.expect("writing to a string cannot fail");
 }
 
-/// Writes three numbers with blanks between them
+/// Writes three numbers separated by blanks
 pub(super) fn push_point(text: &mut String, point: glam::DVec3) {
     for (k, value) in point.to_array().into_iter().enumerate() {
         if k > 0 {

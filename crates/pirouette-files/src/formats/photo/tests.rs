@@ -5,10 +5,10 @@ fn gradient(width: usize, height: usize) -> Photo {
     Photo::from_fn(width, height, |x, y| [(x * 3) as u8, (y * 5) as u8, 90])
 }
 
-/// A JPEG file with the given EXIF entries of the primary image, each a tag and a short number
+/// Builds a JPEG file with the given EXIF entries of the primary image, each a tag and a short number
 fn jpeg_with_exif(photo: &Photo, entries: &[(u16, u16)]) -> Vec<u8> {
     let mut tiff = b"MM\0\x2a\0\0\0\x08".to_vec();
-    // The equivalent focal length lives in the EXIF folder, which the first entry points to.
+    // The equivalent focal length is in the EXIF directory, which the first entry points to.
     let (main, sub): (Vec<_>, Vec<_>) = entries.iter().partition(|(tag, _)| *tag == 0x0112);
     let main_size = 2 + 12 * (main.len() + 1) + 4;
     tiff.extend(((main.len() + 1) as u16).to_be_bytes());
@@ -45,7 +45,7 @@ fn jpeg_with_exif(photo: &Photo, entries: &[(u16, u16)]) -> Vec<u8> {
 }
 
 #[test]
-fn png_goes_in_and_out() {
+fn png_round_trips() {
     let photo = gradient(40, 50);
     let decoded = decode_photo(&encode_photo_png(&photo).unwrap()).unwrap();
     assert_eq!(decoded.photo.as_slice(), photo.as_slice());
@@ -55,20 +55,20 @@ fn png_goes_in_and_out() {
 }
 
 #[test]
-fn exif_turns_the_photo_upright_and_gives_the_field_of_view() {
-    // 6: the camera was turned, the photo needs a quarter turn clockwise
+fn exif_provides_the_orientation_and_the_field_of_view() {
+    // 6: the camera was rotated, the photo needs a quarter turn clockwise
     let bytes = jpeg_with_exif(&gradient(60, 40), &[(0x0112, 6), (0xa405, 28)]);
     let decoded = decode_photo(&bytes).unwrap();
     assert_eq!((decoded.photo.width(), decoded.photo.height()), (40, 60));
-    // x grows to the right in the file, so downward when upright
+    // x increases to the right in the file, so downward when upright
     assert!(decoded.photo[(20, 55)][0] > decoded.photo[(20, 5)][0] + 100);
-    // 28 mm sees 65.47 degrees of a 3:2 photo along its longer side
+    // 28 mm covers 65.47 degrees of a 3:2 photo along its longer side
     let degrees = decoded.vertical_fov_radians.unwrap().to_degrees();
     assert!((degrees - 65.470).abs() < 0.01, "{degrees}");
 }
 
 #[test]
-fn unknown_or_absurd_focal_lengths_are_no_field_of_view() {
+fn unknown_or_implausible_focal_lengths_are_ignored() {
     for focal in [0, 1, 9000] {
         let bytes = jpeg_with_exif(&gradient(60, 40), &[(0xa405, focal)]);
         assert_eq!(decode_photo(&bytes).unwrap().vertical_fov_radians, None);
@@ -76,7 +76,7 @@ fn unknown_or_absurd_focal_lengths_are_no_field_of_view() {
 }
 
 #[test]
-fn a_truncated_jpeg_is_no_gray_photo() {
+fn a_truncated_jpeg_is_an_error() {
     let bytes = jpeg_with_exif(&gradient(80, 90), &[]);
     assert!(decode_photo(&bytes).is_ok());
     let mut appended = bytes.clone();
@@ -100,7 +100,7 @@ fn truncated_png_is_damaged() {
 }
 
 #[test]
-fn other_files_are_told_by_name() {
+fn other_file_types_are_reported_by_name() {
     assert!(matches!(decode_photo(b""), Err(PhotoError::Empty)));
     assert!(matches!(
         decode_photo(b"text"),
@@ -117,9 +117,9 @@ fn other_files_are_told_by_name() {
 }
 
 #[test]
-fn a_small_file_cannot_claim_a_huge_photo() {
+fn a_small_file_that_claims_a_huge_photo_is_rejected() {
     let mut bytes = encode_photo_png(&gradient(40, 40)).unwrap();
-    // width and height of the header, whose checksum then no longer holds
+    // width and height of the header, whose checksum becomes invalid
     bytes[16..24].copy_from_slice(&[0, 0, 0xf0, 0, 0, 0, 0xf0, 0]);
     assert!(decode_photo(&bytes).is_err());
 }
@@ -159,7 +159,7 @@ fn resampling_keeps_a_ramp() {
 
 proptest! {
     #[test]
-    fn masks_of_scaled_rasters_agree_with_the_raster_scaled(
+    fn resample_mask_agrees_with_resample(
         (from, values) in (1usize..7, 1usize..7).prop_flat_map(|(w, h)| {
             (Just((w, h)), prop::collection::vec(0.0..1.0f32, w * h))
         }),
