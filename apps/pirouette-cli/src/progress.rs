@@ -6,19 +6,19 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pirouette::pipeline::Event;
 use pirouette_files::job::JobEvent;
 
-/// Shows what a running job tells
+/// Shows the progress of a running job
 #[derive(Debug)]
 pub enum Progress {
-    /// One bar that changes with the stage
+    /// One bar, reset by each stage
     Bar(ProgressBar),
     /// One line per stage
     Lines,
-    /// Nothing
+    /// No output
     Quiet,
 }
 
 impl Progress {
-    /// The way that suits standard error
+    /// Selects the display that suits standard error
     pub fn new(quiet: bool) -> Self {
         if quiet {
             Progress::Quiet
@@ -60,17 +60,17 @@ impl Progress {
             JobEvent::LoadWarning(warning) => self.say(&format!("warning: {warning}")),
             JobEvent::ViewFailed(failed) => self.say(&format!("warning: {failed}")),
             JobEvent::CardFound { view, card } => self.say(&format!(
-                "scale: the card in view {view}, tilted by {:.0} degrees, has {:.3} mm per px",
-                card.tilt_degrees, card.mm_per_px
+                "scale: {:.3} mm per px from the card in view {view}, tilted by {:.0} degrees",
+                card.mm_per_px, card.tilt_degrees
             )),
             JobEvent::CardNotNeeded => {
-                self.say("warning: scan.json tells the stature; no card is looked for");
+                self.say("warning: scan.json provides the stature; --scale card is ignored");
             }
             _ => {}
         }
     }
 
-    /// Shows how many of all jobs of a study are done
+    /// Shows how many jobs of a study are done
     pub fn step(&self, done: usize, total: usize, text: &str) {
         if let Progress::Bar(bar) = self {
             bar.set_prefix("study");
@@ -80,7 +80,7 @@ impl Progress {
         self.say(&format!("{done}/{total}: {text}"));
     }
 
-    /// Prints a line without tearing the bar apart
+    /// Prints a line without disrupting the bar
     pub fn say(&self, line: &str) {
         match self {
             Progress::Bar(bar) => bar.suspend(|| eprintln!("{line}")),
@@ -89,7 +89,7 @@ impl Progress {
         }
     }
 
-    /// Takes the bar away
+    /// Removes the bar
     pub fn finish(&self) {
         if let Progress::Bar(bar) = self {
             bar.finish_and_clear();

@@ -140,7 +140,7 @@ fn a_job_reports_what_it_left_out_and_where_the_scale_comes_from() {
     .unwrap();
     assert_eq!(done.loaded.given_view_count(), 3);
     assert_eq!(events[..2], ["no card", "loaded"]);
-    assert!(events[2].starts_with("view 001 is left out (load): 001.jpg"));
+    assert!(events[2].starts_with("view 001 is rejected (load): 001.jpg"));
     assert_eq!(events.len(), 3);
 }
 
