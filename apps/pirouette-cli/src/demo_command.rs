@@ -43,7 +43,7 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
     let config = config(&args.method, Goal::Measure)?;
     let person = person(args)?;
     let truth = measure_figure(&person);
-    progress.say("rendering the person and the room");
+    progress.print_line("rendering the person and the room");
     let synthetic = photograph(args, &person);
     let scan = args.out.join("scan");
     write_scan(&scan, &synthetic.scan).context("cannot write the rendered scan")?;

@@ -49,7 +49,7 @@ impl Progress {
                 eprintln!("{}: {seconds:.2} s", stage.name());
             }
             (Progress::Lines, Event::StageStarted { .. } | Event::StepDone { .. }) => {}
-            (_, Event::Warning(warning)) => self.say(&format!("warning: {warning}")),
+            (_, Event::Warning(warning)) => self.print_line(&format!("warning: {warning}")),
         }
     }
 
@@ -57,14 +57,14 @@ impl Progress {
     pub fn show_job(&self, event: &JobEvent) {
         match event {
             JobEvent::Pipeline(event) => self.show(event),
-            JobEvent::LoadWarning(warning) => self.say(&format!("warning: {warning}")),
-            JobEvent::ViewFailed(failed) => self.say(&format!("warning: {failed}")),
-            JobEvent::CardFound { view, card } => self.say(&format!(
+            JobEvent::LoadWarning(warning) => self.print_line(&format!("warning: {warning}")),
+            JobEvent::ViewFailed(failed) => self.print_line(&format!("warning: {failed}")),
+            JobEvent::CardFound { view, card } => self.print_line(&format!(
                 "scale: {:.3} mm per px from the card in view {view}, tilted by {:.0} degrees",
                 card.mm_per_px, card.tilt_degrees
             )),
             JobEvent::CardNotNeeded => {
-                self.say("warning: scan.json provides the stature; --scale card is ignored");
+                self.print_line("warning: scan.json provides the stature; --scale card is ignored");
             }
             _ => {}
         }
@@ -77,11 +77,11 @@ impl Progress {
             bar.set_length(total as u64);
             bar.set_position(done as u64);
         }
-        self.say(&format!("{done}/{total}: {text}"));
+        self.print_line(&format!("{done}/{total}: {text}"));
     }
 
     /// Prints a line without disrupting the bar
-    pub fn say(&self, line: &str) {
+    pub fn print_line(&self, line: &str) {
         match self {
             Progress::Bar(bar) => bar.suspend(|| eprintln!("{line}")),
             Progress::Lines => eprintln!("{line}"),

@@ -181,9 +181,9 @@ fn an_unusable_folder_is_named() {
 #[test]
 fn an_invalid_or_damaged_zip_file_is_one_clear_error() {
     let folders = Folders::with_views(3);
-    let whole = std::fs::read(folders.zip()).unwrap();
+    let complete = std::fs::read(folders.zip()).unwrap();
     for (bytes, expected) in [
-        (&whole[..whole.len() / 2], "damaged zip file"),
+        (&complete[..complete.len() / 2], "damaged zip file"),
         (&b"no zip"[..], "neither a folder nor a zip file"),
     ] {
         let file = folders.write("anna.zip", bytes);
@@ -244,10 +244,10 @@ fn an_unreadable_folder_is_named() {
     };
     set(0o000);
     // Permissions do not bind the superuser.
-    let refused = std::fs::read_dir(folders.scan()).is_err();
+    let denied = std::fs::read_dir(folders.scan()).is_err();
     let run = folders.run("scan", &["--quiet"]);
     set(0o755);
-    if refused {
+    if denied {
         let error = run.exits_with(1).stderr();
         assert_eq!(error.lines().count(), 1, "{error}");
         assert!(error.contains("cannot read"), "{error}");
@@ -259,9 +259,9 @@ fn an_unreadable_folder_is_named() {
 #[test]
 fn an_invalid_avatar_file_is_named() {
     let folders = Folders::with_views(3);
-    let file = folders.write("figure.glb", b"not a figure");
+    let file = folders.write("avatar.glb", b"not an avatar");
     let run = folders
         .run("scan", &["--avatar", common::text(&file)])
         .exits_with(1);
-    assert!(run.stderr().contains("figure.glb"), "{}", run.stderr());
+    assert!(run.stderr().contains("avatar.glb"), "{}", run.stderr());
 }
