@@ -1,4 +1,4 @@
-//! `pirouette arap`: the deformation alone.
+//! `pirouette arap`: as-rigid-as-possible deformation of a planar mesh.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use serde_json::json;
 use crate::args::ArapArgs;
 use crate::output::Output;
 
-/// Deforms a planar mesh and writes it
+/// Deforms a planar mesh and writes the result
 pub fn run(args: &ArapArgs, output: Output) -> Result<()> {
     let mesh = read(&args.mesh)?;
     let mesh = read_off(&mesh).with_context(|| args.mesh.display().to_string())?;
@@ -23,7 +23,7 @@ pub fn run(args: &ArapArgs, output: Output) -> Result<()> {
     let (source, target) = (points(&args.source)?, points(&args.target)?);
     ensure!(
         source.len() == target.len(),
-        "{} has {} points, but {} has {}; they belong together row by row",
+        "{} has {} points, but {} has {}; both files need one row per point",
         args.source.display(),
         source.len(),
         args.target.display(),
@@ -34,7 +34,7 @@ pub fn run(args: &ArapArgs, output: Output) -> Result<()> {
     write_atomic(&args.out, &write_off(&deformed))?;
     output.done(
         &format!(
-            "{}: {} vertices, {} moved to their targets",
+            "{}: {} vertices, {} moved to targets",
             args.out.display(),
             deformed.positions.len(),
             source.len()

@@ -1,4 +1,4 @@
-//! `pirouette avatar`: the reference figure as a picture or a mesh.
+//! `pirouette avatar`: writes the reference avatar as an image or a mesh.
 
 use std::path::Path;
 
@@ -17,12 +17,12 @@ use serde_json::json;
 use crate::args::{self, AvatarArgs};
 use crate::output::Output;
 
-/// Columns and rows of pictures
+/// Columns and rows of images
 const PICTURE_SIZE_PX: (usize, usize) = (800, 1000);
 
-/// Makes or reads the figure and writes it as the file's ending says
+/// Builds or reads the avatar and writes it in the format given by the file extension
 pub fn run(args: &AvatarArgs, output: Output) -> Result<()> {
-    ensure!(args.angle.is_finite(), "--angle is no finite number");
+    ensure!(args.angle.is_finite(), "--angle is not finite");
     let kind = Kind::of(&args.out)?;
     let avatar = avatar(args)?;
     let bytes = match kind {
@@ -40,7 +40,7 @@ pub fn run(args: &AvatarArgs, output: Output) -> Result<()> {
     )
 }
 
-/// What a file holds, by its ending
+/// Output format, by file extension
 enum Kind {
     Picture,
     Mesh(MeshFormat),
@@ -55,7 +55,7 @@ impl Kind {
         match MeshFormat::from_extension(&ending) {
             Some(format) => Ok(Kind::Mesh(format)),
             None => bail!(
-                "{}: unknown ending; a picture ends in .png, a mesh in .glb, .ply, .obj, .stl or .off",
+                "{}: unknown file extension; use .png for an image, or .glb, .ply, .obj, .stl or .off for a mesh",
                 file.display()
             ),
         }
@@ -83,7 +83,7 @@ fn avatar(args: &AvatarArgs) -> Result<Avatar> {
         Some(stature_mm) => {
             ensure!(
                 (100.0..=10_000.0).contains(&stature_mm),
-                "--stature is {stature_mm} mm; it must lie between 100 and 10000"
+                "--stature is {stature_mm} mm; it must be between 100 and 10000"
             );
             avatar.scaled_to(stature_mm)
         }
@@ -91,7 +91,7 @@ fn avatar(args: &AvatarArgs) -> Result<Avatar> {
     })
 }
 
-/// The figure as a camera at half its height sees it, as a PNG file
+/// Renders the avatar from a camera at about half its height, as a PNG file
 fn picture(avatar: &Avatar, turn: TurnAngle, shaded: bool) -> Result<Vec<u8>> {
     let (width, height) = PICTURE_SIZE_PX;
     let camera = SyntheticOptions::camera_for(avatar.stature_mm(), width, height);
@@ -105,7 +105,7 @@ fn picture(avatar: &Avatar, turn: TurnAngle, shaded: bool) -> Result<Vec<u8>> {
     })
 }
 
-/// The library's sex; between the two without one
+/// Returns the corresponding value of the library; neutral for `None`
 pub fn mannequin_sex(sex: Option<args::Sex>) -> pirouette_body::Sex {
     match sex {
         Some(args::Sex::Female) => pirouette_body::Sex::Female,

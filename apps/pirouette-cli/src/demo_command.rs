@@ -1,4 +1,4 @@
-//! `pirouette demo`: renders a turning person whose measures are known, scans it, and compares.
+//! `pirouette demo`: renders a turning person with known measurements, scans it, and compares.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -26,13 +26,13 @@ use crate::scan_command::{config, json_line, scan_folder};
 /// Columns and rows of the photos
 const PHOTO_SIZE_PX: (usize, usize) = (800, 1000);
 
-/// Noise of the keypoints, in px at a stature of 800 px: what detectors reach on plain clothes
+/// Noise of the keypoints, in px at a stature of 800 px: typical of detectors on plain clothes
 const KEYPOINT_NOISE_PX: f64 = 2.5;
 
 /// Noise of the sensor, in gray levels
 const SENSOR_NOISE: f64 = 2.0;
 
-/// Renders, scans, compares
+/// Renders a person, scans it and prints the comparison
 pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -> Result<()> {
     ensure!(
         (3..=72).contains(&args.views),
@@ -43,7 +43,7 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
     let config = config(&args.method, Goal::Measure)?;
     let person = person(args)?;
     let truth = measure_figure(&person);
-    progress.say("rendering the person and the room");
+    progress.print_line("rendering the person and the room");
     let synthetic = photograph(args, &person);
     let scan = args.out.join("scan");
     write_scan(&scan, &synthetic.scan).context("cannot write the rendered scan")?;
@@ -70,7 +70,7 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
     })
 }
 
-/// A person of other sex and build than the reference
+/// Builds the person; sex and build may differ from those of the reference
 fn person(args: &DemoArgs) -> Result<Avatar> {
     let parameters = MannequinParameters {
         sex: mannequin_sex(Some(args.sex)),
@@ -103,7 +103,7 @@ fn photograph(args: &DemoArgs, person: &Avatar) -> SyntheticScan {
     )
 }
 
-/// Silhouettes, the body in the reference pose, camera and measures
+/// Writes silhouettes, the body in the reference pose, camera and measurements
 fn write_truth(
     folder: &Path,
     synthetic: &SyntheticScan,
@@ -140,7 +140,7 @@ fn write_truth(
     Ok(())
 }
 
-/// What was found next to the truth
+/// Formats estimated and true measurements side by side
 fn table(out: &Path, truth: &[(Measure, f64)], measured: Option<&Measurements>) -> String {
     let mut text = format!(
         "{}: a rendered person, scanned\n{:<16}{:>9}{:>9}{:>8}",

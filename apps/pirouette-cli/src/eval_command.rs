@@ -1,4 +1,4 @@
-//! `pirouette eval`: studies on rendered people, and scores against truth.
+//! `pirouette eval`: studies on rendered people, and scores against ground truth.
 
 use anyhow::{Context, Result, bail};
 use pirouette::pipeline::{CancelToken, Goal};
@@ -24,7 +24,7 @@ use crate::output::Output;
 use crate::progress::Progress;
 use crate::scan_command::{config, scan_folder};
 
-/// Makes the table that was asked for
+/// Runs the selected study and prints its tables
 pub fn run(args: &EvalArgs, output: Output, quiet: bool, cancel: &CancelToken) -> Result<()> {
     let progress = Progress::new(quiet);
     let made = match &args.table {
@@ -40,7 +40,7 @@ pub fn run(args: &EvalArgs, output: Output, quiet: bool, cancel: &CancelToken) -
     output.done(&text, || value)
 }
 
-/// The published results, ours beside them
+/// Reproduces the published experiments
 fn eval_published(
     args: &EvalPublishedArgs,
     output: Output,
@@ -72,12 +72,12 @@ fn eval_published(
     }
     let short = results.shortfalls();
     if args.check && !short.is_empty() {
-        // What was found is told all the same, but to people: programs get one line.
+        // The results are printed as well, but only as text: programs get one line.
         if output == Output::Text {
             progress.finish();
             output.done(&results.to_string(), || Value::Null)?;
         }
-        bail!("short of the goals: {}", short.join("; "));
+        bail!("goals missed: {}", short.join("; "));
     }
     let mut value = json!({ "ok": true, "table": "published", "short": short });
     if let (Value::Object(value), Value::Object(found)) = (&mut value, results.to_json()) {
@@ -141,7 +141,7 @@ fn eval_tapes(
     let study = tapes::study(&options, cancel, &mut |step| show(progress, &step))?;
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder)
-            .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+            .with_context(|| format!("cannot create the folder {}", folder.display()))?;
         for (name, text) in [
             ("accuracy-errors.svg", &study.errors_svg),
             ("accuracy-views.svg", &study.views_svg),
@@ -207,7 +207,7 @@ fn eval_scans(
             return Err(StudyError::Cancelled.into());
         }
         let score = score_scan(folder, &out)?;
-        let text = format!("{} is scored", folder.display());
+        let text = format!("scored {}", folder.display());
         progress.step(index + 1, folders.len(), &text);
         scores.push(score);
     }

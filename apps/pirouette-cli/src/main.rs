@@ -1,4 +1,4 @@
-//! The pirouette command: photos of a turning person in, silhouettes, body and measurements out.
+//! The `pirouette` command: silhouettes, body and measurements from photos of a turning person.
 
 mod arap_command;
 mod args;
@@ -22,7 +22,7 @@ use output::Output;
 fn main() -> ExitCode {
     if processor_is_too_old() {
         eprintln!(
-            "error: this program was built for processors with AVX2, which this one lacks; \
+            "error: this program requires a processor with AVX2; \
              build it with RUSTFLAGS=\"-C target-cpu=native\" on this machine"
         );
         return ExitCode::FAILURE;
@@ -32,7 +32,7 @@ fn main() -> ExitCode {
     match run(&cli, output) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // The one place where errors are printed, with the whole chain in one line.
+            // The only place where errors are printed, with the complete chain in one line.
             let message = one_line(&error);
             eprintln!("error: {message}");
             output.failed(&message);
@@ -41,12 +41,12 @@ fn main() -> ExitCode {
     }
 }
 
-/// Whether the vector instructions that the program was built with are missing
+/// Returns whether the processor lacks the vector instructions that the program was built with
 fn processor_is_too_old() -> bool {
     #[cfg(all(target_arch = "x86_64", target_feature = "avx2"))]
     {
         use std::arch::x86_64::{__cpuid, __cpuid_count};
-        // AVX2 is bit 5 of EBX in leaf 7, which older processors do not have at all.
+        // AVX2 is bit 5 of EBX in leaf 7, which older processors do not have.
         __cpuid(0).eax < 7 || __cpuid_count(7, 0).ebx & (1 << 5) == 0
     }
     #[cfg(not(all(target_arch = "x86_64", target_feature = "avx2")))]
@@ -61,8 +61,7 @@ fn run(cli: &Cli, output: Output) -> Result<()> {
             .context("cannot start the threads")?;
     }
     let cancel = cancel_on_interrupt()?;
-    // On one of the threads that do the parallel work: the main thread would wait for them most of the time, and hold on to
-    // memory of its own.
+    // Runs on a thread of the pool: the main thread would mostly wait for it, and keep additional memory allocated.
     rayon::scope(|_| run_command(cli, output, &cancel))
 }
 
@@ -87,7 +86,7 @@ fn run_command(cli: &Cli, output: Output, cancel: &CancelToken) -> Result<()> {
     }
 }
 
-/// An error with its causes; those that a message already tells are not told twice
+/// Formats an error with its causes; skips causes that are already part of the message
 fn one_line(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for cause in error.chain().map(ToString::to_string) {
@@ -102,11 +101,11 @@ fn one_line(error: &anyhow::Error) -> String {
     line.replace('\n', " ")
 }
 
-/// A request to stop that Ctrl-C makes, or a closed terminal; what is being written is written to its end
+/// Returns a token that Ctrl-C, a termination request or a closed terminal cancels; files being written are completed
 fn cancel_on_interrupt() -> Result<CancelToken> {
     let cancel = CancelToken::default();
     let handler = cancel.clone();
-    ctrlc::set_handler(move || handler.cancel()).context("cannot listen to Ctrl-C")?;
+    ctrlc::set_handler(move || handler.cancel()).context("cannot handle Ctrl-C")?;
     Ok(cancel)
 }
 
@@ -116,7 +115,7 @@ mod tests {
     use anyhow::anyhow;
 
     #[test]
-    fn causes_are_told_once() {
+    fn repeated_causes_are_printed_once() {
         let error = anyhow!("no room").context("a.png: no room").context("out");
         assert_eq!(one_line(&error), "out: a.png: no room");
     }

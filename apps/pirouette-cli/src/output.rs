@@ -1,23 +1,23 @@
-//! What goes to standard output: text for people, or one line for programs.
+//! Standard output: text for people, or one line of JSON for programs.
 
 use std::io::{self, Write};
 
 use anyhow::{Context, Result};
 use serde_json::Value;
 
-/// Who reads standard output
+/// Kind of standard output
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Output {
-    /// People
+    /// Text for people
     Text,
-    /// Programs: one JSON line per run
+    /// One line of JSON per run
     Json,
-    /// Nobody
+    /// No output
     Quiet,
 }
 
 impl Output {
-    /// By the switches `--json` and `--quiet`
+    /// Returns the output for the flags `--json` and `--quiet`
     pub fn new(json: bool, quiet: bool) -> Self {
         match (json, quiet) {
             (true, _) => Output::Json,
@@ -35,17 +35,17 @@ impl Output {
         }
     }
 
-    /// Prints the failure of a run, for programs; people read standard error
+    /// Prints the failure of a run as JSON; the text goes to standard error
     pub fn failed(self, message: &str) {
         if self == Output::Json {
             let line = serde_json::json!({ "ok": false, "error": message });
-            // The failure itself was told already; more cannot be done.
+            // The failure was already reported on standard error; a second one is ignored.
             let _ = print(format!("{line}\n").as_bytes());
         }
     }
 }
 
-/// Writes to standard output; a reader that went away is no error of ours
+/// Writes to standard output; a closed pipe is not an error
 pub fn print(bytes: &[u8]) -> Result<()> {
     let mut out = io::stdout().lock();
     match out.write_all(bytes).and_then(|()| out.flush()) {

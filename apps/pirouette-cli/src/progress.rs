@@ -6,19 +6,19 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pirouette::pipeline::Event;
 use pirouette_files::job::JobEvent;
 
-/// Shows what a running job tells
+/// Shows the progress of a running job
 #[derive(Debug)]
 pub enum Progress {
-    /// One bar that changes with the stage
+    /// One bar, reset by each stage
     Bar(ProgressBar),
     /// One line per stage
     Lines,
-    /// Nothing
+    /// No output
     Quiet,
 }
 
 impl Progress {
-    /// The way that suits standard error
+    /// Selects the display that suits standard error
     pub fn new(quiet: bool) -> Self {
         if quiet {
             Progress::Quiet
@@ -49,7 +49,7 @@ impl Progress {
                 eprintln!("{}: {seconds:.2} s", stage.name());
             }
             (Progress::Lines, Event::StageStarted { .. } | Event::StepDone { .. }) => {}
-            (_, Event::Warning(warning)) => self.say(&format!("warning: {warning}")),
+            (_, Event::Warning(warning)) => self.print_line(&format!("warning: {warning}")),
         }
     }
 
@@ -57,31 +57,31 @@ impl Progress {
     pub fn show_job(&self, event: &JobEvent) {
         match event {
             JobEvent::Pipeline(event) => self.show(event),
-            JobEvent::LoadWarning(warning) => self.say(&format!("warning: {warning}")),
-            JobEvent::ViewFailed(failed) => self.say(&format!("warning: {failed}")),
-            JobEvent::CardFound { view, card } => self.say(&format!(
-                "scale: the card in view {view}, tilted by {:.0} degrees, has {:.3} mm per px",
-                card.tilt_degrees, card.mm_per_px
+            JobEvent::LoadWarning(warning) => self.print_line(&format!("warning: {warning}")),
+            JobEvent::ViewFailed(failed) => self.print_line(&format!("warning: {failed}")),
+            JobEvent::CardFound { view, card } => self.print_line(&format!(
+                "scale: {:.3} mm per px from the card in view {view}, tilted by {:.0} degrees",
+                card.mm_per_px, card.tilt_degrees
             )),
             JobEvent::CardNotNeeded => {
-                self.say("warning: scan.json tells the stature; no card is looked for");
+                self.print_line("warning: scan.json provides the stature; --scale card is ignored");
             }
             _ => {}
         }
     }
 
-    /// Shows how many of all jobs of a study are done
+    /// Shows how many jobs of a study are done
     pub fn step(&self, done: usize, total: usize, text: &str) {
         if let Progress::Bar(bar) = self {
             bar.set_prefix("study");
             bar.set_length(total as u64);
             bar.set_position(done as u64);
         }
-        self.say(&format!("{done}/{total}: {text}"));
+        self.print_line(&format!("{done}/{total}: {text}"));
     }
 
-    /// Prints a line without tearing the bar apart
-    pub fn say(&self, line: &str) {
+    /// Prints a line without disrupting the bar
+    pub fn print_line(&self, line: &str) {
         match self {
             Progress::Bar(bar) => bar.suspend(|| eprintln!("{line}")),
             Progress::Lines => eprintln!("{line}"),
@@ -89,7 +89,7 @@ impl Progress {
         }
     }
 
-    /// Takes the bar away
+    /// Removes the bar
     pub fn finish(&self) {
         if let Progress::Bar(bar) = self {
             bar.finish_and_clear();

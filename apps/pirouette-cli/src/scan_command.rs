@@ -1,4 +1,4 @@
-//! `pirouette scan` and its stages.
+//! `pirouette scan`, and the commands that run a part of its stages.
 
 use std::path::Path;
 
@@ -50,7 +50,7 @@ pub fn run(
     })
 }
 
-/// Scans a folder or a zip file by its own scale and writes the results
+/// Scans a folder or a zip file with the scale it provides, and writes the results
 pub fn scan_folder(
     scan: &Path,
     out: &Path,
@@ -64,7 +64,7 @@ pub fn scan_folder(
     Ok(done)
 }
 
-/// Scans with progress; errors name the scan or the switch that they come from
+/// Scans and shows progress; errors name the scan or the flag that caused them
 fn scan_source(
     source: Source,
     config: &Config,
@@ -83,7 +83,7 @@ fn scan_source(
     })
 }
 
-/// The library's configuration for what the command line says
+/// Returns the library's configuration for the command line arguments
 pub fn config(args: &MethodArgs, goal: Goal) -> Result<Config> {
     let method = match args.method {
         Method::Fit => pipeline::Method::Fit,
@@ -102,7 +102,7 @@ pub fn config(args: &MethodArgs, goal: Goal) -> Result<Config> {
     Ok(config)
 }
 
-/// The charts of a file, or those that come with the program
+/// Returns the charts of a file, or the built-in ones
 pub fn charts(file: Option<&Path>) -> Result<Vec<Chart>> {
     let Some(file) = file else {
         return Ok(built_in_charts());
@@ -112,7 +112,7 @@ pub fn charts(file: Option<&Path>) -> Result<Vec<Chart>> {
     parse_charts(&text).with_context(|| file.display().to_string())
 }
 
-/// One line per chart
+/// Formats the recommendations, one line per chart
 pub fn size_lines(advice: &[Advice]) -> String {
     let lines = advice.iter();
     let lines: Vec<String> = lines
@@ -121,7 +121,7 @@ pub fn size_lines(advice: &[Advice]) -> String {
     lines.join("\n")
 }
 
-/// One machine-readable line
+/// Returns the results for the line of JSON
 pub fn json_line(done: &FinishedJob, out: &Path, charts: &[Chart]) -> Value {
     let mut value = json!({ "ok": true, "out": out });
     if let (Value::Object(value), Value::Object(found)) = (&mut value, done.to_json(charts)) {
@@ -130,7 +130,7 @@ pub fn json_line(done: &FinishedJob, out: &Path, charts: &[Chart]) -> Value {
     value
 }
 
-/// The measurements as people read them
+/// Formats the measurements as text
 fn summary(done: &FinishedJob, out: &Path, charts: &[Chart]) -> String {
     let given = done.loaded.given_view_count();
     let mut text = format!(

@@ -1,4 +1,4 @@
-//! `pirouette size`: sizes of garments from a result folder.
+//! `pirouette size`: recommends garment sizes for a result folder.
 
 use anyhow::{Context, Result, bail};
 use pirouette::sizes::{Advice, Chart, ChartSex, advise};
@@ -8,7 +8,7 @@ use crate::args::{Sex, SizeArgs};
 use crate::output::Output;
 use crate::scan_command::{charts, size_lines};
 
-/// Tells the sizes
+/// Reads the measurements and prints the recommended sizes
 pub fn run(args: &SizeArgs, output: Output) -> Result<()> {
     let file = if args.out.is_dir() {
         args.out.join("measurements.json")
@@ -22,14 +22,14 @@ pub fn run(args: &SizeArgs, output: Output) -> Result<()> {
             file.display()
         )
     })?;
-    let found: Value =
-        serde_json::from_str(&text).with_context(|| format!("{} is no JSON", file.display()))?;
+    let found: Value = serde_json::from_str(&text)
+        .with_context(|| format!("{} is not valid JSON", file.display()))?;
     if !found["measurements_mm"].is_object() {
-        bail!("{} holds no measurements", file.display());
+        bail!("{} contains no measurements", file.display());
     }
     if found["unit"] == "stature" {
         bail!(
-            "{} is in units of the stature: sizes need a scale; scan again with the stature or --scale card",
+            "{} is in units of the stature, but sizes require a scale; scan again with the stature or --scale card",
             file.display()
         );
     }
@@ -52,7 +52,7 @@ pub fn run(args: &SizeArgs, output: Output) -> Result<()> {
         .map(|chart| advise(chart, &dimension))
         .collect();
     if advice.is_empty() {
-        bail!("the chart is for the other sex; give --sex, or another chart");
+        bail!("the chart is for the other sex; pass --sex or another chart");
     }
     output.done(
         &size_lines(&advice),

@@ -1,4 +1,4 @@
-//! Input as people really have it: a bad view never takes the others down, bad folders say what to do.
+//! Invalid input: a bad view is rejected without affecting the others; errors of folders say how to fix them.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -8,14 +8,14 @@ use common::Folders;
 use pirouette_files::formats::photo::encode_mask;
 use pirouette_geom::Mask;
 
-/// Spoils one of four views, scans, and hands back why that view was left out
+/// Damages one of four views, scans, and returns the reason for its rejection
 #[track_caller]
-fn reason_for_leaving_out(spoil: impl FnOnce(&Folders)) -> String {
+fn reason_for_rejection(damage: impl FnOnce(&Folders)) -> String {
     let folders = Folders::with_views(4);
-    spoil(&folders);
+    damage(&folders);
     let run = folders.run("scan", &[]).exits_with(0);
     assert!(
-        run.stderr().contains("view 001 is left out"),
+        run.stderr().contains("view 001 is rejected"),
         "{}",
         run.stderr()
     );
@@ -31,8 +31,8 @@ fn reason_for_leaving_out(spoil: impl FnOnce(&Folders)) -> String {
 }
 
 #[test]
-fn a_view_without_keypoints_is_left_out() {
-    let reason = reason_for_leaving_out(|folders| {
+fn a_view_without_keypoints_is_rejected() {
+    let reason = reason_for_rejection(|folders| {
         std::fs::remove_file(folders.path("scan/001_keypoints.json")).unwrap();
         let manifest = std::fs::read_to_string(folders.path("scan/scan.json")).unwrap();
         let without = manifest.replace("\"keypoints\": \"001_keypoints.json\",", "");
@@ -42,8 +42,8 @@ fn a_view_without_keypoints_is_left_out() {
 }
 
 #[test]
-fn a_view_whose_keypoint_file_is_misspelled_is_left_out() {
-    let reason = reason_for_leaving_out(|folders| {
+fn a_view_whose_keypoint_file_is_misspelled_is_rejected() {
+    let reason = reason_for_rejection(|folders| {
         let from = folders.path("scan/001_keypoints.json");
         std::fs::rename(from, folders.path("scan/001_keypoint.json")).unwrap();
     });
@@ -52,16 +52,16 @@ fn a_view_whose_keypoint_file_is_misspelled_is_left_out() {
 }
 
 #[test]
-fn a_view_where_nobody_was_found_is_left_out() {
-    let reason = reason_for_leaving_out(|folders| {
+fn a_view_without_a_detected_person_is_rejected() {
+    let reason = reason_for_rejection(|folders| {
         folders.write("scan/001_keypoints.json", r#"{"version":1.3,"people":[]}"#);
     });
     assert!(reason.contains("nobody"), "{reason}");
 }
 
 #[test]
-fn a_black_photo_is_left_out() {
-    let reason = reason_for_leaving_out(|folders| {
+fn a_black_photo_is_rejected() {
+    let reason = reason_for_rejection(|folders| {
         let black = pirouette::scan::Photo::filled(200, 250, [0; 3]);
         let jpeg = pirouette_files::formats::photo::encode_jpeg(&black, 90).unwrap();
         folders.write("scan/001.jpg", jpeg);
@@ -70,8 +70,8 @@ fn a_black_photo_is_left_out() {
 }
 
 #[test]
-fn a_truncated_jpeg_is_left_out() {
-    let reason = reason_for_leaving_out(|folders| {
+fn a_truncated_jpeg_is_rejected() {
+    let reason = reason_for_rejection(|folders| {
         let bytes = std::fs::read(folders.path("scan/001.jpg")).unwrap();
         folders.write("scan/001.jpg", &bytes[..bytes.len() * 2 / 3]);
     });
@@ -79,8 +79,8 @@ fn a_truncated_jpeg_is_left_out() {
 }
 
 #[test]
-fn a_keypoint_file_with_nan_is_left_out() {
-    let reason = reason_for_leaving_out(|folders| {
+fn a_keypoint_file_with_nan_is_rejected() {
+    let reason = reason_for_rejection(|folders| {
         let numbers = vec!["NaN"; 75].join(",");
         let file = format!("{{\"people\":[{{\"pose_keypoints_2d\":[{numbers}]}}]}}");
         folders.write("scan/001_keypoints.json", file);
@@ -89,8 +89,8 @@ fn a_keypoint_file_with_nan_is_left_out() {
 }
 
 #[test]
-fn a_photo_of_one_pixel_is_left_out() {
-    let reason = reason_for_leaving_out(|folders| {
+fn a_photo_of_one_pixel_is_rejected() {
+    let reason = reason_for_rejection(|folders| {
         let pixel = pirouette::scan::Photo::filled(1, 1, [90; 3]);
         let png = pirouette_files::formats::photo::encode_photo_png(&pixel).unwrap();
         folders.write("scan/001.jpg", png);
@@ -117,7 +117,7 @@ fn an_unknown_key_in_the_manifest_is_named() {
 }
 
 #[test]
-fn two_views_do_for_a_body_fit_and_are_too_few_to_carve() {
+fn two_views_suffice_for_a_body_fit_but_not_for_carving() {
     let folders = Folders::with_views(2);
     let run = folders
         .run("scan", &["--method", "three-step"])
@@ -136,7 +136,7 @@ fn two_views_do_for_a_body_fit_and_are_too_few_to_carve() {
 }
 
 #[test]
-fn a_view_that_contradicts_the_others_is_left_out() {
+fn a_view_inconsistent_with_the_others_is_rejected() {
     let folders = Folders::with_views(5);
     // The silhouette of a box instead of the person
     let mask = Mask::from_fn(200, 250, |x, y| {
@@ -148,26 +148,29 @@ fn a_view_that_contradicts_the_others_is_left_out() {
     manifest["views"][2]["mask"] = "002_mask.png".into();
     folders.write("scan/scan.json", manifest.to_string());
     let run = folders.run("scan", &[]).exits_with(0);
-    let told = run.stderr();
-    assert!(told.contains("view 002 is left out (fit)"), "{told}");
+    let warnings = run.stderr();
     assert!(
-        told.contains("no pose of the body covers its silhouette"),
-        "{told}"
+        warnings.contains("view 002 is rejected (fit)"),
+        "{warnings}"
+    );
+    assert!(
+        warnings.contains("no pose of the body fits its silhouette"),
+        "{warnings}"
     );
 }
 
 #[test]
-fn two_views_left_are_too_few_and_the_lost_one_is_named() {
+fn two_usable_views_are_too_few_and_the_rejected_one_is_named() {
     let folders = Folders::with_views(3);
     folders.write("scan/002.jpg", b"no photo");
     let run = folders.run("scan", &[]).exits_with(1);
     let error = run.stderr();
-    assert!(error.contains("view 002 is left out"), "{error}");
+    assert!(error.contains("view 002 is rejected"), "{error}");
     assert!(error.contains("2 usable views"), "{error}");
 }
 
 #[test]
-fn a_folder_that_is_none_is_named() {
+fn an_unusable_folder_is_named() {
     let folders = Folders::empty();
     let run = folders.run("scan", &[]).exits_with(1);
     assert!(run.stderr().contains("no photos in"), "{}", run.stderr());
@@ -176,11 +179,11 @@ fn a_folder_that_is_none_is_named() {
 }
 
 #[test]
-fn a_zip_file_that_is_none_or_damaged_is_one_clear_error() {
+fn an_invalid_or_damaged_zip_file_is_one_clear_error() {
     let folders = Folders::with_views(3);
-    let whole = std::fs::read(folders.zip()).unwrap();
+    let complete = std::fs::read(folders.zip()).unwrap();
     for (bytes, expected) in [
-        (&whole[..whole.len() / 2], "damaged zip file"),
+        (&complete[..complete.len() / 2], "damaged zip file"),
         (&b"no zip"[..], "neither a folder nor a zip file"),
     ] {
         let file = folders.write("anna.zip", bytes);
@@ -196,7 +199,7 @@ fn a_zip_file_that_is_none_or_damaged_is_one_clear_error() {
 }
 
 #[test]
-fn paths_may_not_leave_the_scan_folder() {
+fn paths_outside_the_scan_folder_are_rejected() {
     let folders = Folders::with_views(3);
     std::fs::copy(folders.path("scan/001.jpg"), folders.path("outside.jpg")).unwrap();
     let manifest = std::fs::read_to_string(folders.path("scan/scan.json")).unwrap();
@@ -215,7 +218,7 @@ fn paths_may_not_leave_the_scan_folder() {
 
 #[cfg(unix)]
 #[test]
-fn links_may_not_leave_the_scan_folder() {
+fn links_to_outside_the_scan_folder_are_rejected() {
     let folders = Folders::with_views(3);
     let photo = folders.path("scan/001.jpg");
     std::fs::rename(&photo, folders.path("outside.jpg")).unwrap();
@@ -231,7 +234,7 @@ fn links_may_not_leave_the_scan_folder() {
 
 #[cfg(unix)]
 #[test]
-fn a_folder_without_the_right_to_read_is_named() {
+fn an_unreadable_folder_is_named() {
     use std::os::unix::fs::PermissionsExt;
 
     let folders = Folders::with_views(3);
@@ -240,11 +243,11 @@ fn a_folder_without_the_right_to_read_is_named() {
         std::fs::set_permissions(folders.scan(), rights).unwrap();
     };
     set(0o000);
-    // Rights do not bind the superuser.
-    let refused = std::fs::read_dir(folders.scan()).is_err();
+    // Permissions do not bind the superuser.
+    let denied = std::fs::read_dir(folders.scan()).is_err();
     let run = folders.run("scan", &["--quiet"]);
     set(0o755);
-    if refused {
+    if denied {
         let error = run.exits_with(1).stderr();
         assert_eq!(error.lines().count(), 1, "{error}");
         assert!(error.contains("cannot read"), "{error}");
@@ -254,11 +257,11 @@ fn a_folder_without_the_right_to_read_is_named() {
 }
 
 #[test]
-fn an_avatar_that_is_none_is_named() {
+fn an_invalid_avatar_file_is_named() {
     let folders = Folders::with_views(3);
-    let file = folders.write("figure.glb", b"not a figure");
+    let file = folders.write("avatar.glb", b"not an avatar");
     let run = folders
         .run("scan", &["--avatar", common::text(&file)])
         .exits_with(1);
-    assert!(run.stderr().contains("figure.glb"), "{}", run.stderr());
+    assert!(run.stderr().contains("avatar.glb"), "{}", run.stderr());
 }

@@ -1,4 +1,4 @@
-//! The command line itself: help, exit codes, output for people and programs.
+//! The command line: help, exit codes, output for people and programs.
 
 mod common;
 
@@ -28,7 +28,7 @@ fn every_command_has_help_with_examples() {
 }
 
 #[test]
-fn wrong_usage_exits_with_2() {
+fn invalid_usage_exits_with_2() {
     for args in [
         &["scam", "x"][..],
         &["scan"],
@@ -61,10 +61,10 @@ fn completions_are_printed_for_each_shell() {
     }
 }
 
-/// Nothing may be lost silently, whichever command prints
+/// No output is lost silently, whichever command prints
 #[cfg(target_os = "linux")]
 #[test]
-fn standard_output_that_is_full_is_one_clear_error() {
+fn full_standard_output_is_one_clear_error() {
     let folders = Folders::empty();
     let file = folders.path("a.off");
     for args in [&["completions", "bash"][..], &["avatar", "-o", text(&file)]] {
@@ -85,7 +85,7 @@ fn standard_output_that_is_full_is_one_clear_error() {
 }
 
 #[test]
-fn a_folder_that_is_missing_for_the_output_is_named() {
+fn a_missing_output_folder_is_named() {
     let folders = Folders::empty();
     let out = folders.path("none/a.png");
     let error = pirouette(&["avatar", "-o", text(&out)])
@@ -101,7 +101,7 @@ const SQUARE: &str = "OFF\n5 4 0\n0 0 0\n10 0 0\n10 10 0\n0 10 0\n5 5 0\n\
     3 0 1 4\n3 1 2 4\n3 2 3 4\n3 3 0 4\n";
 
 #[test]
-fn arap_moves_the_rest_along() {
+fn arap_moves_all_other_vertices() {
     let folders = Folders::empty();
     let mesh = folders.write("in.off", SQUARE);
     let source = folders.write("source.csv", "x,y\n0,0\n10,0\n");
@@ -138,7 +138,7 @@ fn arap_moves_the_rest_along() {
 }
 
 #[test]
-fn arap_names_the_line_that_is_wrong() {
+fn arap_names_the_invalid_line() {
     let folders = Folders::empty();
     let mesh = folders.write("in.off", SQUARE);
     let source = folders.write("source.csv", "0,0\n10\n");
@@ -174,7 +174,7 @@ fn arap_names_the_line_that_is_wrong() {
 }
 
 #[test]
-fn the_avatar_is_a_picture_or_a_mesh() {
+fn the_avatar_is_written_as_an_image_or_a_mesh() {
     let folders = Folders::empty();
     for (file, start) in [
         ("a.png", &b"\x89PNG"[..]),

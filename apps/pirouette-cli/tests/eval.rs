@@ -1,4 +1,4 @@
-//! Studies and scores as programs see them.
+//! `eval`: studies and scores.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -7,7 +7,7 @@ mod common;
 use common::{Folders, person, pirouette, text};
 use pirouette_files::formats::photo::encode_mask;
 
-/// A scan folder with the true silhouettes in it
+/// Creates a scan folder with the true silhouettes
 fn with_truth() -> Folders {
     let folders = Folders::with_views(4);
     let truth = folders.scan().join("truth");
@@ -21,7 +21,7 @@ fn with_truth() -> Folders {
 }
 
 #[test]
-fn a_scan_with_truth_is_scanned_and_scored_and_scored_again() {
+fn a_scan_with_truth_is_scored_and_kept_results_score_equally() {
     let folders = with_truth();
     let (scan, out) = (folders.scan(), folders.out());
     let scan_and_score = ["eval", "scans", text(&scan), "-o", text(&out), "--json"];
@@ -34,7 +34,7 @@ fn a_scan_with_truth_is_scanned_and_scored_and_scored_again() {
 }
 
 #[test]
-fn results_that_are_not_there_cannot_be_scored() {
+fn missing_results_cannot_be_scored() {
     let folders = with_truth();
     let (scan, out) = (folders.scan(), folders.out());
     let args = ["eval", "scans", text(&scan), "-o", text(&out), "--keep"];
@@ -51,14 +51,14 @@ fn photos_with_truth_are_segmented_and_scored() {
 }
 
 #[test]
-fn folders_without_truth_are_refused() {
+fn folders_without_truth_are_rejected() {
     let folders = Folders::with_views(3);
     let run = pirouette(&["eval", "photos", text(&folders.scan())]).exits_with(1);
     assert!(run.stderr().contains("no folder truth"), "{}", run.stderr());
 }
 
 #[test]
-fn a_study_without_people_has_no_table_and_wrong_usage_is_told() {
+fn a_study_without_people_fails_and_invalid_usage_exits_with_2() {
     let args = ["eval", "bodies", "--people", "0", "--photo-people", "0"];
     pirouette(&args).exits_with(1);
     pirouette(&["eval", "--only", "everything"]).exits_with(2);
@@ -68,7 +68,7 @@ fn a_study_without_people_has_no_table_and_wrong_usage_is_told() {
 }
 
 #[test]
-fn a_published_table_is_run_again_checked_and_written() {
+fn a_published_experiment_is_reproduced_checked_and_written() {
     let folders = Folders::with_views(3);
     let file = folders.scan().join("results.md");
     let html = folders.scan().join("results.html");

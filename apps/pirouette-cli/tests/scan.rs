@@ -1,4 +1,4 @@
-//! The main job and its stages on a rendered person, from files to files.
+//! `scan` and its stages on a rendered person, from input files to result files.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -14,7 +14,7 @@ use pirouette_files::job::run_job;
 use pirouette_files::results::ResultOptions;
 
 #[test]
-fn scan_writes_the_whole_result_folder() {
+fn scan_writes_the_complete_result_folder() {
     let folders = Folders::with_views(4);
     let formats = "ply,glb,obj,stl,off";
     let run = folders
@@ -63,7 +63,7 @@ fn scan_writes_the_whole_result_folder() {
 }
 
 #[test]
-fn three_step_is_the_published_method_and_its_steps_can_be_left_out() {
+fn steps_of_the_three_step_method_can_be_skipped() {
     let folders = Folders::with_views(3);
     folders
         .run("normalize", &["--method", "three-step"])
@@ -86,7 +86,7 @@ fn three_step_is_the_published_method_and_its_steps_can_be_left_out() {
 }
 
 #[test]
-fn segment_finds_the_silhouettes() {
+fn segment_computes_the_silhouettes() {
     let folders = Folders::with_views(4);
     folders.run("segment", &[]).exits_with(0);
     for (view, truth) in person().truth.silhouettes.iter().enumerate() {
@@ -111,10 +111,10 @@ fn segment_finds_the_silhouettes() {
     assert!(!folders.out().join("body.ply").exists());
 }
 
-/// A page that needs nothing else and takes no name for HTML
+/// The page embeds all pictures, and names are never interpreted as HTML
 #[cfg(unix)]
 #[test]
-fn the_report_stands_alone_and_escapes_names() {
+fn the_report_is_self_contained_and_escapes_names() {
     let folders = Folders::with_views(4);
     for ending in [".jpg", "_keypoints.json"] {
         let from = folders.path(&format!("scan/000{ending}"));
@@ -136,20 +136,20 @@ fn the_report_stands_alone_and_escapes_names() {
     for outside in ["http:", "https:", "url(", "<link", "<script", "href="] {
         assert!(!html.contains(outside), "{outside}");
     }
-    for told in [
+    for expected in [
         "<h1>scan</h1>",
         "hip girth",
-        "view 002 is left out",
+        "view 002 is rejected",
         "the stature is unknown",
         "distance to the turning axis",
         "<th>fit</th>",
     ] {
-        assert!(html.contains(told), "{told}");
+        assert!(html.contains(expected), "{expected}");
     }
 }
 
 #[test]
-fn segment_takes_a_single_photo() {
+fn segment_accepts_a_single_photo() {
     let folders = Folders::with_views(1);
     std::fs::remove_file(folders.path("scan/scan.json")).unwrap();
     let run = folders.run("segment", &["--json", "--quiet"]).exits_with(0);
@@ -174,7 +174,7 @@ fn a_given_mask_is_the_result() {
 }
 
 #[test]
-fn other_files_in_the_result_folder_stay() {
+fn other_files_in_the_result_folder_are_kept() {
     let folders = Folders::with_views(1);
     std::fs::create_dir_all(folders.out()).unwrap();
     folders.write("out/notes.txt", "mine");
@@ -188,7 +188,7 @@ fn other_files_in_the_result_folder_stay() {
 }
 
 #[test]
-fn a_result_folder_that_cannot_be_made_is_one_clear_error() {
+fn a_result_folder_that_cannot_be_created_is_one_clear_error() {
     let folders = Folders::with_views(1);
     folders.write("out", "a file, not a folder");
     let run = folders.run("segment", &["--quiet"]).exits_with(1);
@@ -197,14 +197,14 @@ fn a_result_folder_that_cannot_be_made_is_one_clear_error() {
     assert!(error.contains(text(&folders.out())), "{error}");
 }
 
-/// A limit on the size of files stands for a disk that is full, without needing one
+/// A limit on file sizes simulates a full disk
 #[cfg(unix)]
 #[test]
 fn a_full_disk_is_one_clear_error_and_leaves_nothing_partial() {
     let folders = Folders::with_views(1);
     std::fs::create_dir_all(folders.out()).unwrap();
     folders.write("out/result.json", "old");
-    // The signal that the limit raises must not end the process: a full disk raises none.
+    // The limit raises a signal, which a full disk does not; it must not end the process.
     let script = "trap '' XFSZ; ulimit -f 0; exec \"$@\"";
     let command = assert_cmd::cargo::cargo_bin("pirouette");
     let output = std::process::Command::new("bash")
@@ -239,7 +239,7 @@ fn a_request_to_terminate_ends_the_job_cleanly() {
     ends_the_job_cleanly("-TERM");
 }
 
-/// Sends a signal as the terminal does, once the job has begun
+/// Sends a signal, as a terminal does, once the job has started
 #[cfg(unix)]
 #[track_caller]
 fn ends_the_job_cleanly(signal: &str) {
@@ -304,7 +304,7 @@ fn a_zip_file_is_scanned_like_its_folder_and_like_memory() {
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() {
+fn results_do_not_depend_on_the_number_of_threads() {
     let folders = Folders::with_views(3);
     folders.run("segment", &["--jobs", "1"]).exits_with(0);
     let masks = || -> Vec<Vec<u8>> {

@@ -1,4 +1,4 @@
-//! Sizes, charts, exports and scales on the command line.
+//! Sizes, charts, exports and scales.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -17,7 +17,7 @@ fn measurements(bust_mm: f64, sd_mm: f64) -> String {
 }
 
 #[test]
-fn a_result_file_has_sizes_and_says_when_it_is_not_sure() {
+fn sizes_of_a_result_file_may_be_not_sure() {
     let folders = Folders::empty();
     let file = folders.write("measurements.json", measurements(980.0, 15.0));
     let run = pirouette(&["size", text(&file), "--sex", "male"]).exits_with(0);
@@ -41,7 +41,7 @@ fn a_result_file_has_sizes_and_says_when_it_is_not_sure() {
 }
 
 #[test]
-fn a_shop_has_its_own_chart() {
+fn a_custom_chart_replaces_the_built_in_ones() {
     let folders = Folders::empty();
     let file = folders.write("measurements.json", measurements(980.0, 15.0));
     let chart = folders.write(
@@ -58,7 +58,7 @@ fn a_shop_has_its_own_chart() {
 }
 
 #[test]
-fn what_is_no_result_is_refused_in_one_line() {
+fn an_invalid_result_is_rejected_in_one_line() {
     let folders = Folders::empty();
     for (name, content) in [
         ("a.json", "{"),
@@ -78,7 +78,7 @@ fn what_is_no_result_is_refused_in_one_line() {
 }
 
 #[test]
-fn without_a_scale_nothing_is_in_mm_and_a_card_that_is_not_there_is_no_scale() {
+fn without_a_scale_no_length_is_in_mm_and_a_missing_card_is_an_error() {
     let folders = Folders::with_views(3);
     let manifest = folders.scan().join("scan.json");
     let mut scan: serde_json::Value =

@@ -1,4 +1,4 @@
-//! Rendered people with known truth: a person who turns and sways in a furnished room, as photos with noisy keypoints.
+//! Rendered people with ground truth: photos of a person who turns and sways in a furnished room, with noisy keypoints.
 //!
 //! For demonstrations, tests and studies. The renderer is accurate where it matters for silhouettes (exact coverage at
 //! the outline, perspective, sensor noise), and simple elsewhere (one light, no cast shadows except around the feet).
@@ -33,7 +33,7 @@ pub struct SyntheticOptions {
     pub turns: Vec<TurnAngle>,
     /// The camera; the person stands at its turning axis
     pub camera: Camera,
-    /// Sway relative to that of people who try to stand still; 0 for none
+    /// Sway relative to that of people who try to stand still; 0 disables it
     pub sway: f64,
     /// Standard deviation of visible keypoints, in px at a stature of 800 px; hidden ones have three times as much
     pub keypoint_noise_px: f64,
@@ -48,14 +48,14 @@ pub struct SyntheticOptions {
 }
 
 impl SyntheticOptions {
-    /// Returns settings for evenly spaced views over one turn
+    /// Returns the turn angles of evenly spaced views over one turn
     pub fn even_turns(view_count: usize) -> Vec<TurnAngle> {
         (0..view_count)
             .map(|i| TurnAngle::from_degrees(360.0 * i as f64 / view_count as f64))
             .collect()
     }
 
-    /// Returns a camera that sees a person of the given stature with a margin around
+    /// Returns a camera whose photos show a person of the given stature with a margin
     pub fn camera_for(stature_mm: f64, width_px: usize, height_px: usize) -> Camera {
         let vertical_fov_radians = 50_f64.to_radians();
         let aspect = (width_px as f64 / height_px as f64).min(0.8);
@@ -75,9 +75,9 @@ impl SyntheticOptions {
 /// A scan with its ground truth
 #[derive(Debug, Clone)]
 pub struct SyntheticScan {
-    /// The data a user would have: photos, keypoints, angles, camera height and field of view, stature
+    /// The input available to a user: photos, keypoints, angles, camera height and field of view, stature
     pub scan: Scan,
-    /// The data unknown to a user
+    /// The ground truth, unknown to a user
     pub truth: Truth,
 }
 
@@ -88,7 +88,7 @@ pub struct Truth {
     pub body: TriMesh,
     /// The camera
     pub camera: Camera,
-    /// The pose in each view, after the turn stated in the scan
+    /// The pose in each view, relative to the turn angle stated in the scan
     pub poses: Vec<Pose>,
     /// The silhouette as photographed, of each view
     pub silhouettes: Vec<Mask>,
@@ -96,7 +96,7 @@ pub struct Truth {
     pub canonical: Vec<Mask>,
 }
 
-/// Photographs an avatar that turns and sways
+/// Renders a scan of an avatar that turns and sways
 pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan {
     let camera = options.camera;
     let painted = options.photos.then(|| {
@@ -234,7 +234,7 @@ fn expose(light: &Grid<[f32; 3]>, noise: f64, random: &mut Random) -> Photo {
     })
 }
 
-/// Returns an avatar with slightly different arm and leg angles, as no two people take the same pose
+/// Returns an avatar whose rest pose is rotated at the given bones, to vary arm and leg angles between people
 pub fn with_posture(avatar: &Avatar, rotations: &[(Bone, DVec3)]) -> Avatar {
     let mut pose = Pose::default();
     for &(bone, rotation) in rotations {

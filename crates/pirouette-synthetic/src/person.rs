@@ -1,4 +1,4 @@
-//! Clothing of the person, and composition of the photos.
+//! Clothing of the person, and compositing of the photos.
 
 use glam::DVec3;
 use pirouette_geom::Grid;
@@ -9,12 +9,12 @@ use pirouette_body::Camera;
 use pirouette_body::{Avatar, render};
 use pirouette_body::{Bone, Joint};
 
-/// Colors and cloth of one person
+/// Colors and clothing of one person
 #[derive(Debug, Clone)]
 pub(super) struct Look {
     seed: u64,
     mesh: render::SilhouetteMesh,
-    /// Reference position of each vertex, which the renderer interpolates in place of a color
+    /// Reference position of each vertex, interpolated by the renderer in place of a color
     places: Vec<[f32; 3]>,
     segments: Vec<(Bone, DVec3, DVec3)>,
     eyes: DVec3,
@@ -80,7 +80,7 @@ impl Look {
         }
     }
 
-    /// Renders the person in the room: `positions` are the posed vertices
+    /// Renders the person in front of the room; `positions` are the posed vertices
     pub(super) fn paint(&self, background: &Light, positions: &[DVec3], camera: &Camera) -> Light {
         let layer = render::shade_layer(
             &self.mesh,

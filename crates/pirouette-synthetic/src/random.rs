@@ -1,4 +1,4 @@
-//! A small deterministic random generator, so that a seed gives the same person on every machine.
+//! A small deterministic random generator: a seed gives the same person on every machine.
 
 use std::f64::consts::TAU;
 
@@ -9,7 +9,7 @@ pub struct Random {
 }
 
 impl Random {
-    /// A generator; equal seeds give equal numbers
+    /// Creates a generator; equal seeds give equal numbers
     pub fn new(seed: u64) -> Self {
         Self { state: seed }
     }

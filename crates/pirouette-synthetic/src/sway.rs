@@ -1,4 +1,4 @@
-//! Deviations of people who try to stand still from their reference pose.
+//! Sway: deviations from the reference pose of people who try to stand still.
 //!
 //! Joints drift independently, but balance is kept: displacements of the center of mass are compensated at the ankles.
 
@@ -11,7 +11,7 @@ use pirouette_body::Bone;
 use pirouette_body::TurnAngle;
 use pirouette_body::{Pose, PosedAvatar};
 
-/// Share of the prior standard deviation that people who try to stand still use in each parameter
+/// Standard deviation of each parameter of people who try to stand still, as a fraction of that of the prior
 const SWAY_SHARE: f64 = 0.6;
 
 /// Standard deviation of the center of mass from its position over the feet in the reference pose, along each axis, in
@@ -97,7 +97,7 @@ mod tests {
             let lowest = heights.iter().map(|p| p.y).reduce(f64::min).unwrap();
             assert!(lowest.abs() < 1e-6);
         }
-        // Joints alone would not keep it.
+        // Independent joints alone would not keep the balance.
         assert!(fallen_mm > 15.0, "{fallen_mm}");
     }
 

@@ -1,4 +1,4 @@
-//! Which mannequin a fit starts from: the sex and the build that explain the silhouettes best.
+//! Initial mannequin of a fit: the sex and the mass that fit the silhouettes best.
 
 use rayon::prelude::*;
 
@@ -15,12 +15,12 @@ use pirouette_body::Pose;
 use pirouette_body::Sex;
 use pirouette_body::mannequin::{MannequinError, MannequinParameters, coarse_mannequin, mannequin};
 
-/// Why there is no body to start from
+/// Why there is no initial body
 #[derive(Debug)]
 pub(crate) enum InitialBodyError {
-    /// No mannequin of that stature
+    /// No mannequin of the given stature
     Mannequin(MannequinError),
-    /// No skeleton with that mannequin
+    /// No skeleton fits with that mannequin
     SkeletonFit(SkeletonFitError),
 }
 
@@ -36,29 +36,29 @@ impl From<SkeletonFitError> for InitialBodyError {
     }
 }
 
-/// A body to start a fit from
+/// Initial body of a fit
 #[derive(Debug)]
 pub(crate) struct Start {
     /// The mannequin with the person's bone lengths
     pub(crate) avatar: Avatar,
-    /// Pose that sway goes about
+    /// Posture: the pose from which the views deviate by sway
     pub(crate) posture: Pose,
-    /// Pose of each view that went through, in their order
+    /// Pose of each accepted view, in their order
     pub(crate) poses: Vec<Pose>,
-    /// Whose proportions it has
+    /// Sex and mass of the mannequin
     pub(crate) figure: InitialMannequin,
 }
 
-/// The mannequin that a fit started from
+/// Sex and mass of the initial mannequin of a fit
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InitialMannequin {
-    /// Whose proportions it has; says nothing for sure about the person
+    /// Sex that determines the proportions; not a reliable estimate of the person's sex
     pub sex: Sex,
-    /// Its mass, in kg
+    /// Mass, in kg
     pub mass_kg: f64,
 }
 
-/// The views of a fit that starts from some poses
+/// Returns the views of a fit with given initial poses
 pub(crate) fn fit_views<'a>(
     views: &'a [SolvedView],
     poses: &[Pose],
@@ -78,15 +78,15 @@ pub(crate) fn fit_views<'a>(
         .collect()
 }
 
-/// Tries women and men of the mass that the silhouettes ask for
+/// Selects the initial mannequin by mass and sex
 ///
-/// The mass follows from the volume of a first rough fit, which hardly depends on where it starts. The sex is that of the
-/// mannequin whose unfitted surface, in its best poses, lies nearest to the outlines: on rendered women and men the wrong
-/// sex is 10 to 30 % farther off, while after four rounds of fitting the difference is 1 to 4 %. Coarse mannequins give
-/// both. Where no mannequin has such a mass, it is one of usual mass.
+/// The mass follows from the volume of a first rough fit, which hardly depends on its initial body. The sex is that of
+/// the mannequin whose unfitted surface, in its best poses, is nearest to the outlines: on rendered women and men, the
+/// residual of the wrong sex is 10 to 30 % larger, but only 1 to 4 % after four rounds of fitting. Both steps use
+/// coarse mannequins. If no mannequin of that mass exists, one of average mass is returned.
 ///
 /// # Errors
-/// When there is no mannequin of that stature at all.
+/// When there is no mannequin of the given stature.
 pub(crate) fn choose_start(
     scan: &Scan,
     skeleton: &Skeleton,
@@ -152,10 +152,10 @@ pub(crate) fn choose_start(
 
 /// Mass of a body over its volume, in kg per mm³
 ///
-/// The built-in mannequin's own: its regressions give 0.966 to 0.980 l per kg over both sexes and all builds.
+/// That of the built-in mannequin: its regressions give 0.966 to 0.980 l per kg over both sexes and all builds.
 const KG_PER_CUBIC_MM: f64 = 1.0 / 0.972e6;
 
-/// Bone lengths and poses of another figure, seen by the same cameras
+/// Fits bone lengths and poses of another avatar, with fixed cameras
 fn pose_figure(
     scan: &Scan,
     skeleton: &Skeleton,

@@ -41,7 +41,7 @@ pub enum StatureFrom {
     PixelSize,
 }
 
-/// Data about the body given by a person; measures are then supported by survey statistics, and marked as such
+/// Data about the body given by a person; survey statistics then contribute to the measurements, marked as such
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Subject {
     /// Sex

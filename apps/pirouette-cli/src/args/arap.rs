@@ -11,21 +11,21 @@ pub struct ArapArgs {
     #[arg(long, value_name = "IN.off")]
     pub mesh: PathBuf,
 
-    /// Points of the mesh to move: rows of x,y, a header line is fine
+    /// Points of the mesh to move: rows of x,y; a header line is allowed
     #[arg(long, value_name = "SRC.csv")]
     pub source: PathBuf,
 
-    /// Where they go, row by row
+    /// Target positions, one row per source point
     #[arg(long, value_name = "DST.csv")]
     pub target: PathBuf,
 
-    /// The deformed mesh
+    /// Output file for the deformed mesh
     #[arg(short, long, value_name = "OUT.off")]
     pub out: PathBuf,
 }
 
 pub const ARAP_HELP: &str = "\
-Each source point takes the nearest vertex along to its target; the rest follows as rigidly as possible.
+The vertex nearest to each source point moves to the target; all others follow as rigidly as possible.
 
 Examples:
   pirouette arap --mesh square.off --source from.csv --target to.csv -o deformed.off";

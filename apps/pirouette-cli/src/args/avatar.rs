@@ -9,11 +9,11 @@ use super::{Pose, Sex};
 /// Arguments of `avatar`
 #[derive(Debug, Args)]
 pub struct AvatarArgs {
-    /// The reference pose
+    /// Reference pose
     #[arg(long, value_enum, default_value_t = Pose::A)]
     pub pose: Pose,
 
-    /// How far the figure has turned to its own left, in degrees; for .png
+    /// Turn angle to the avatar's left, in degrees; for .png
     #[arg(
         long,
         value_name = "DEG",
@@ -22,27 +22,27 @@ pub struct AvatarArgs {
     )]
     pub angle: f64,
 
-    /// Whose proportions; half way between the two when not given
+    /// Body proportions [default: the mean of both]
     #[arg(long, value_enum)]
     pub sex: Option<Sex>,
 
-    /// Height, in mm [default: average, or that of the given figure]
+    /// Height, in mm [default: average, or that of the given avatar]
     #[arg(long, value_name = "MM")]
     pub stature: Option<f64>,
 
-    /// Body mass, in kg [default: usual for the height]
+    /// Body mass, in kg [default: average for the height]
     #[arg(long, value_name = "KG")]
     pub mass: Option<f64>,
 
-    /// Skinned glTF or VRM figure to use instead of the built-in one
+    /// Skinned glTF or VRM avatar to use instead of the built-in one
     #[arg(long, value_name = "FILE.glb|.vrm", conflicts_with_all = ["sex", "mass"])]
     pub avatar: Option<PathBuf>,
 
-    /// Draw a shaded picture instead of the silhouette; for .png
+    /// Render a shaded image instead of the silhouette; for .png
     #[arg(long)]
     pub shaded: bool,
 
-    /// Output; the ending says what: .png a picture, .glb .ply .obj .stl .off a mesh
+    /// Output file: an image (.png) or a mesh (.glb, .ply, .obj, .stl, .off)
     #[arg(short, long, value_name = "FILE", default_value = "avatar.png")]
     pub out: PathBuf,
 }

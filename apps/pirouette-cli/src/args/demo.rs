@@ -9,19 +9,19 @@ use super::{MethodArgs, Pose, Sex};
 /// Arguments of `demo`
 #[derive(Debug, Args)]
 pub struct DemoArgs {
-    /// Result folder; the rendered photos go to its `scan` folder
+    /// Result folder; the rendered photos are written to its `scan` subfolder
     #[arg(short, long, value_name = "OUT", default_value = "pirouette-demo")]
     pub out: PathBuf,
 
-    /// Other seeds give other clothes, rooms, sway and noise
+    /// Random seed of clothes, room, sway and noise
     #[arg(long, value_name = "N", default_value_t = 3)]
     pub seed: u64,
 
-    /// Photos over one turn
+    /// Number of photos over one turn
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub views: usize,
 
-    /// The rendered person
+    /// Sex of the rendered person
     #[arg(long, value_enum, default_value_t = Sex::Female)]
     pub sex: Sex,
 
@@ -33,11 +33,11 @@ pub struct DemoArgs {
     #[arg(long, value_name = "KG", default_value_t = 72.0)]
     pub mass: f64,
 
-    /// How the person stands
+    /// Pose of the person
     #[arg(long, value_enum, default_value_t = Pose::A)]
     pub pose: Pose,
 
-    /// Write report.html too: all results on one page that needs no other file
+    /// Also write report.html: all results on one self-contained page
     #[arg(long)]
     pub report: bool,
 
@@ -46,7 +46,7 @@ pub struct DemoArgs {
 }
 
 pub const DEMO_HELP: &str = "\
-Writes the photos, keypoints and the truth to OUT/scan and the results beside them.
+Writes photos, keypoints and ground truth to OUT/scan, and the results to OUT.
 
 Examples:
   pirouette demo

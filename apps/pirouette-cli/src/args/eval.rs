@@ -10,7 +10,7 @@ use super::MethodArgs;
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct EvalArgs {
-    /// Another table than the published ones
+    /// Study to run instead of the published experiments
     #[command(subcommand)]
     pub table: Option<EvalTable>,
 
@@ -18,50 +18,50 @@ pub struct EvalArgs {
     pub published: EvalPublishedArgs,
 }
 
-/// Arguments of the published tables
+/// Arguments of the published experiments
 #[derive(Debug, Args)]
 pub struct EvalPublishedArgs {
-    /// A look of less than a minute at few people, instead of all within ten minutes
+    /// Use fewer people: less than a minute instead of up to ten
     #[arg(long)]
     pub quick: bool,
 
-    /// Exit with 1 and name each figure that falls short of what it must reach
+    /// Exit with 1 and list the results that miss their goals
     #[arg(long)]
     pub check: bool,
 
-    /// Only these experiments
+    /// Run only these experiments
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = pirouette_eval::published::names())]
     pub only: Vec<String>,
 
-    /// Folders of photos with truth, or folders of such folders, segmented and scored besides
+    /// Also segment and score these folders of photos with ground truth, or folders of such folders
     #[arg(long, value_name = "DIR", num_args = 1..)]
     pub photos: Vec<PathBuf>,
 
-    /// Write a page with all pictures in it
+    /// Write a page with embedded pictures
     #[arg(long, value_name = "FILE.html")]
     pub html: Option<PathBuf>,
 
-    /// Write a page whose pictures go to a folder of its name beside it
+    /// Write a page; its pictures go to a folder of the same name beside it
     #[arg(long, value_name = "FILE.md")]
     pub markdown: Option<PathBuf>,
 }
 
-/// What is evaluated
+/// Studies
 #[derive(Debug, Subcommand)]
 pub enum EvalTable {
-    /// Scan random people whose bodies are known: surface and girths by views and noise
+    /// Scan random people with known bodies: surface and girth errors by number of views and noise
     #[command(after_help = EVAL_BODIES_HELP)]
     Bodies(EvalBodiesArgs),
-    /// Measure random people whose tape measures are known, and write the page docs/accuracy.md about it
+    /// Measure random people with known tape measurements; writes docs/accuracy.md with `-o docs`
     #[command(after_help = EVAL_TAPES_HELP)]
     Tapes(EvalTapesArgs),
-    /// Scan photographed people with one part of the method off at a time
+    /// Scan rendered photos with one part of the method disabled at a time
     #[command(after_help = EVAL_ABLATION_HELP)]
     Ablation(EvalAblationArgs),
-    /// Scan folders that hold a `truth` folder, and score the results
+    /// Scan folders that contain a `truth` folder, and score the results
     #[command(after_help = EVAL_SCANS_HELP)]
     Scans(EvalScansArgs),
-    /// Segment single photos in folders that hold a `truth` folder, and score the silhouettes
+    /// Segment single photos in folders that contain a `truth` folder, and score the silhouettes
     #[command(after_help = EVAL_PHOTOS_HELP)]
     Photos(EvalPhotosArgs),
 }
@@ -69,11 +69,11 @@ pub enum EvalTable {
 /// Arguments of `eval bodies`
 #[derive(Debug, Args)]
 pub struct EvalBodiesArgs {
-    /// People whose exact silhouettes are given [default: 40, with --quick 6]
+    /// People scanned from exact silhouettes [default: 40, with --quick 6]
     #[arg(long, value_name = "N")]
     pub people: Option<usize>,
 
-    /// People who are photographed and segmented, in 8 views at noise 1 [default: 8, with --quick 2]
+    /// People scanned from rendered photos, in 8 views at noise 1 [default: 8, with --quick 2]
     #[arg(long, value_name = "N")]
     pub photo_people: Option<usize>,
 
@@ -81,12 +81,12 @@ pub struct EvalBodiesArgs {
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u16).range(3..=72))]
     pub views: Option<Vec<u16>>,
 
-    /// Errors of keypoints and turn angles, each at the number of views nearest to 8; 1 is what detectors do,
-    /// 3 px at a stature of 800 px and 2 degrees [default: 0.5,1,2, with --quick 1]
+    /// Noise levels of keypoints and turn angles, each at the number of views nearest to 8; 1 is typical of detectors:
+    /// 3 px at a stature of 800 px, and 2 degrees [default: 0.5,1,2, with --quick 1]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = parse_noise)]
     pub noise: Option<Vec<f64>>,
 
-    /// A look of about a minute instead of the whole study
+    /// Run a small study of about a minute
     #[arg(long)]
     pub quick: bool,
 }
@@ -94,23 +94,24 @@ pub struct EvalBodiesArgs {
 /// Arguments of `eval tapes`
 #[derive(Debug, Args)]
 pub struct EvalTapesArgs {
-    /// People, both from photos and by exact silhouettes; 30 of them at other numbers of views [default: 60, with --quick 4 and 2]
+    /// People, scanned from photos and from exact silhouettes; 30 of them at other numbers of views
+    /// [default: 60, with --quick 4 and 2]
     #[arg(long, value_name = "N")]
     pub people: Option<usize>,
 
-    /// Numbers of views, by exact silhouettes [default: 7,8,9,12,16,36, with --quick 8,9]
+    /// Numbers of views, from exact silhouettes [default: 7,8,9,12,16,36, with --quick 8,9]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u16).range(3..=72))]
     pub views: Option<Vec<u16>>,
 
-    /// Seed of the first person [default: 2001; the method was made with people below]
+    /// Seed of the first person [default: 2001; smaller seeds were used for development]
     #[arg(long, value_name = "N")]
     pub first_seed: Option<u64>,
 
-    /// Folder for accuracy.md and its pictures; without it, the tables are printed only
+    /// Folder for accuracy.md and its pictures; if omitted, the tables are only printed
     #[arg(short, long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 
-    /// A look of a minute instead of the whole study of a quarter of an hour
+    /// Run a small study of a minute instead of a quarter of an hour
     #[arg(long)]
     pub quick: bool,
 }
@@ -118,11 +119,11 @@ pub struct EvalTapesArgs {
 /// Arguments of `eval ablation`
 #[derive(Debug, Args)]
 pub struct EvalAblationArgs {
-    /// People
+    /// Number of people
     #[arg(long, value_name = "N", default_value_t = 6)]
     pub people: usize,
 
-    /// Photos of each
+    /// Photos per person
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(3..=72))]
     pub views: u16,
 }
@@ -130,15 +131,15 @@ pub struct EvalAblationArgs {
 /// Arguments of `eval scans`
 #[derive(Debug, Args)]
 pub struct EvalScansArgs {
-    /// Scan folders with truth, or folders of such folders
+    /// Scan folders with ground truth, or folders of such folders
     #[arg(value_name = "DIR", required = true)]
     pub folders: Vec<PathBuf>,
 
-    /// Result folders go to OUT/<name of the scan folder>
+    /// Results are written to OUT/<name of the scan folder>
     #[arg(short, long, value_name = "OUT", default_value = "eval-out")]
     pub out: PathBuf,
 
-    /// Score what is in OUT already instead of scanning
+    /// Score the existing results in OUT instead of scanning
     #[arg(long)]
     pub keep: bool,
 
@@ -149,12 +150,12 @@ pub struct EvalScansArgs {
 /// Arguments of `eval photos`
 #[derive(Debug, Args)]
 pub struct EvalPhotosArgs {
-    /// Folders of photos with truth, or folders of such folders
+    /// Folders of photos with ground truth, or folders of such folders
     #[arg(value_name = "DIR", required = true)]
     pub folders: Vec<PathBuf>,
 }
 
-/// A scale of errors
+/// Parses a noise level
 fn parse_noise(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(noise) if (0.0..=10.0).contains(&noise) => Ok(noise),
@@ -163,8 +164,8 @@ fn parse_noise(text: &str) -> Result<f64, String> {
 }
 
 pub const EVAL_HELP: &str = "\
-Without a table: the results published by Zwettler et al. (VISAPP 2021), run again on rendered people, beside the
-published figures, with what becomes of them when a part of the method is left out. All studies have fixed seeds.
+Without a study: reproduces the experiments of Zwettler et al. (VISAPP 2021) on rendered people and compares the results
+with the published ones, including ablations of parts of the method. All studies use fixed seeds.
 
 Examples:
   pirouette eval --quick
@@ -176,9 +177,9 @@ Examples:
   pirouette eval scans pirouette-demo/scan";
 
 pub const EVAL_BODIES_HELP: &str = "\
-Random women and men of body mass indices from 17 to 38, whose surfaces no mannequin has, sway and turn. Surface:
-mean distance between found and true body, both ways, after a shift and a turn about the vertical. The last
-row is of photos; the others are given exact silhouettes, which is faster. `--json` tells every person.
+Random swaying women and men with body mass indices from 17 to 38, whose surfaces differ from any mannequin. Surface
+error: mean distance between estimated and true body, in both directions, after alignment by a shift and a turn about
+the vertical. The last row uses photos; the others use exact silhouettes, which is faster. `--json` lists every person.
 
 Examples:
   pirouette eval bodies --quick
@@ -186,8 +187,8 @@ Examples:
   pirouette eval bodies --json > bodies.json";
 
 pub const EVAL_TAPES_HELP: &str = "\
-Bias, spread, mean and 90th percentile of the errors, repeatability, and whether the deviations told with the values are
-honest, per measure; beside them limits and figures of others.
+Reports per measure: bias, spread, mean and 90th percentile of the errors, repeatability, and calibration of the
+standard deviations, next to the limits of standards and results of other methods.
 
 Examples:
   pirouette eval tapes --quick
@@ -200,16 +201,16 @@ Examples:
   pirouette eval ablation --people 2 --json";
 
 pub const EVAL_SCANS_HELP: &str = "\
-Truth: truth/<photo>_mask.png, and perhaps truth/<photo>_canonical.png (the person standing still in the reference
-pose), truth/body.ply and truth/truth.json with measurements_mm. `pirouette demo` writes all of it.
+Ground truth: truth/<photo>_mask.png, and optionally truth/<photo>_canonical.png (the person standing still in the
+reference pose), truth/body.ply and truth/truth.json with measurements_mm. `pirouette demo` writes all of these.
 
 Examples:
   pirouette eval scans pirouette-demo/scan
-  pirouette eval scans scans/*                     scans every folder to eval-out, then scores
-  pirouette eval scans scans/* -o results --keep   scores what results/<name> holds already";
+  pirouette eval scans scans/*                     scan all folders to eval-out, then score
+  pirouette eval scans scans/* -o results --keep   score the existing results/<name>";
 
 pub const EVAL_PHOTOS_HELP: &str = "\
-Truth: truth/<photo>_mask.png. Every photo is segmented for itself. A photo without a result counts as 0.
+Ground truth: truth/<photo>_mask.png. Each photo is segmented separately. A photo without a result scores 0.
 
 Examples:
   pirouette eval photos street

@@ -1,4 +1,4 @@
-//! The command line: subcommands, switches and their help; one module per command.
+//! Command line arguments: subcommands, flags and their help; one module per command.
 
 mod arap;
 mod avatar;
@@ -19,7 +19,7 @@ pub use eval::{
 pub use scan::{Method, MethodArgs, ScanArgs};
 pub use size::SizeArgs;
 
-/// From photos of a turning person to silhouettes, a 3D body and tape measurements
+/// Silhouettes, a 3D body and tape measurements from photos of a turning person
 #[derive(Debug, Parser)]
 #[command(
     name = "pirouette",
@@ -28,67 +28,67 @@ pub use size::SizeArgs;
     propagate_version = true,
     after_help = "\
 Examples:
-  pirouette demo                      renders a turning person and scans it: needs no input
-  pirouette scan photos/anna -o anna  silhouettes, body and measurements of a scan folder
-  pirouette scan --help               what a scan folder looks like
+  pirouette demo                      render a turning person and scan it; needs no input
+  pirouette scan photos/anna -o anna  compute silhouettes, body and measurements
+  pirouette scan --help               describe the layout of a scan folder
 
-Exit codes: 0 done, 1 failed, 2 wrong usage."
+Exit codes: 0 success, 1 failure, 2 invalid usage."
 )]
 pub struct Cli {
-    /// The job
+    /// Command to run
     #[command(subcommand)]
     pub command: Command,
 
-    /// Print one machine-readable line on standard output instead of text
+    /// Print the result as one line of JSON instead of text
     #[arg(long, global = true, display_order = 100)]
     pub json: bool,
 
-    /// Print nothing but errors
+    /// Print errors only
     #[arg(long, short, global = true, display_order = 101)]
     pub quiet: bool,
 
-    /// Threads to use [default: one per processor]
+    /// Number of threads [default: one per processor]
     #[arg(long, short, global = true, display_order = 102, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
 }
 
-/// What to do
+/// Commands
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Scan a folder of photos: segment, normalize, carve, measure
+    /// Compute silhouettes, body and measurements from a scan folder or zip file
     #[command(after_help = scan::SCAN_HELP)]
     Scan(ScanArgs),
-    /// Render a turning person whose measures are known, scan it, and compare
+    /// Render a turning person with known measurements, scan it, and compare
     #[command(after_help = demo::DEMO_HELP)]
     Demo(DemoArgs),
-    /// Find the silhouettes only; works with a single photo too
+    /// Compute the silhouettes only; also accepts a single photo
     #[command(after_help = scan::SEGMENT_HELP)]
     Segment(ScanArgs),
-    /// Find the silhouettes and bring them to the reference pose
+    /// Compute the silhouettes and transform them to the reference pose
     #[command(after_help = scan::NORMALIZE_HELP)]
     Normalize(ScanArgs),
-    /// Find silhouettes, bring them to the reference pose and carve the body
+    /// Compute the silhouettes, transform them to the reference pose and compute the body
     #[command(after_help = scan::RECONSTRUCT_HELP)]
     Reconstruct(ScanArgs),
-    /// Do what `scan` does: silhouettes, body, measurements
+    /// Same as `scan`
     #[command(after_help = scan::MEASURE_HELP)]
     Measure(ScanArgs),
-    /// Tell sizes of garments from a result folder
+    /// Recommend garment sizes for a result folder
     #[command(after_help = size::SIZE_HELP)]
     Size(SizeArgs),
-    /// Write the reference figure: a PNG silhouette or a mesh
+    /// Write the reference avatar as an image or a mesh
     #[command(after_help = avatar::AVATAR_HELP)]
     Avatar(AvatarArgs),
-    /// Deform a planar mesh as rigidly as possible
+    /// Apply an as-rigid-as-possible deformation to a planar mesh
     #[command(after_help = arap::ARAP_HELP)]
     Arap(ArapArgs),
-    /// Tell how accurate pirouette is: studies on rendered people, scores against truth
+    /// Evaluate accuracy on rendered people or against ground truth
     #[command(after_help = eval::EVAL_HELP)]
     Eval(EvalArgs),
-    /// Print completions for a shell
+    /// Print shell completions
     #[command(after_help = COMPLETIONS_HELP)]
     Completions {
-        /// The shell
+        /// Shell to complete for
         shell: clap_complete::Shell,
     },
 }
@@ -117,17 +117,17 @@ mod tests {
     use clap::CommandFactory;
 
     #[test]
-    fn the_command_line_is_consistent() {
+    fn command_line_definition_is_consistent() {
         Cli::command().debug_assert();
     }
 
     #[test]
-    fn the_last_of_two_opposite_switches_counts() {
+    fn last_of_two_opposite_flags_wins() {
         let parse = |args: &[&str]| {
             let all = ["pirouette", "scan", "x"].iter().chain(args);
             match Cli::try_parse_from(all).unwrap().command {
                 Command::Scan(args) => args.method,
-                _ => unreachable!("scan was asked for"),
+                _ => unreachable!("the command is scan"),
             }
         };
         assert!(parse(&["--no-register", "--register"]).register);

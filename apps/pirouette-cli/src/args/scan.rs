@@ -1,4 +1,4 @@
-//! Arguments of `scan` and of the commands that stop after one of its stages.
+//! Arguments of `scan` and of the commands that run only a part of its stages.
 
 use std::path::PathBuf;
 
@@ -7,21 +7,21 @@ use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::job;
 
-/// Arguments of the main job and its stages
+/// Arguments of `scan`, `segment`, `normalize`, `reconstruct` and `measure`
 #[derive(Debug, Args)]
 pub struct ScanArgs {
-    /// Folder of photos with keypoint files, perhaps a scan.json, or a zip file of it
+    /// Folder of photos with keypoint files and an optional scan.json, or a zip file of it
     #[arg(value_name = "SCAN")]
     pub scan: PathBuf,
 
-    /// Result folder; an existing one is replaced file by file, never emptied
+    /// Result folder; files in an existing one are replaced, other files are kept
     #[arg(short, long, value_name = "OUT", default_value = "out")]
     pub out: PathBuf,
 
     #[command(flatten)]
     pub method: MethodArgs,
 
-    /// Formats of the body, where one is carved
+    /// Mesh formats of the body
     #[arg(
         long,
         value_name = "FORMATS",
@@ -30,16 +30,16 @@ pub struct ScanArgs {
     )]
     pub format: Vec<Format>,
 
-    /// Write report.html too: all results on one page that needs no other file
+    /// Also write report.html: all results on one self-contained page
     #[arg(long)]
     pub report: bool,
 
-    /// Write the measurements for other programs, too
+    /// Also write the measurements in formats of other programs
     #[arg(long, value_name = "NAMES", value_enum, value_delimiter = ',')]
     pub export: Vec<Export>,
 
-    /// Where the scale comes from when scan.json tells neither `stature_mm` nor `mm_per_px`: `card` looks for an ID-1 card
-    /// (85.60 x 53.98 mm, as bank cards) beside the person
+    /// Source of the scale when scan.json has neither `stature_mm` nor `mm_per_px`: `card` detects an ID-1 card (bank
+    /// card, 85.60 x 53.98 mm) beside the person
     #[arg(long, value_name = "SOURCE", value_enum)]
     pub scale: Option<ScaleSource>,
 
@@ -48,22 +48,22 @@ pub struct ScanArgs {
     pub chart: Option<PathBuf>,
 }
 
-/// How the job is done
+/// Options of the method
 #[derive(Debug, Args)]
 pub struct MethodArgs {
-    /// `fit` explains all views by one body; `three-step` is the published method, view by view
+    /// `fit` fits one body to all views; `three-step` is the published method, which treats each view separately
     #[arg(long, value_enum, default_value_t = Method::Fit)]
     pub method: Method,
 
-    /// Skinned glTF or VRM figure to use as the reference instead of the built-in one
+    /// Skinned glTF or VRM avatar to use as the reference instead of the built-in one
     #[arg(long, value_name = "FILE.glb|.vrm")]
     pub avatar: Option<PathBuf>,
 
-    /// Fit each view's silhouette to that of the reference by a rigid motion [default with three-step]
+    /// Register each silhouette to that of the reference by a rigid motion [default with three-step]
     #[arg(long, overrides_with = "no_register")]
     pub register: bool,
 
-    /// Leave the registration out [default with fit]
+    /// Skip the registration [default with fit]
     #[arg(long)]
     pub no_register: bool,
 
@@ -71,11 +71,11 @@ pub struct MethodArgs {
     #[arg(long, overrides_with = "no_refine")]
     pub refine: bool,
 
-    /// Leave the refinement out [default with fit]
+    /// Skip the refinement [default with fit]
     #[arg(long)]
     pub no_refine: bool,
 
-    /// Carve the visual hull, too, and write it beside the fitted body, in the same formats
+    /// Also carve the visual hull and write it in the formats of the body
     #[arg(long)]
     pub hull: bool,
 }
@@ -92,7 +92,7 @@ pub enum ScaleSource {
 }
 
 impl ScaleSource {
-    /// The library's source
+    /// Returns the corresponding value of the library
     pub fn of_job(self) -> job::ScaleSource {
         match self {
             ScaleSource::Card => job::ScaleSource::Card,
@@ -102,7 +102,7 @@ impl ScaleSource {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Export {
-    /// measurements.flat.json: value and deviation per measure
+    /// measurements.flat.json: value and standard deviation per measure
     Json,
     /// measurements.csv
     Csv,
@@ -116,7 +116,7 @@ pub enum Export {
 }
 
 impl Export {
-    /// The library's format
+    /// Returns the corresponding format of the library
     pub fn of_file(self) -> ExportFormat {
         match self {
             Export::Json => ExportFormat::Json,
@@ -138,7 +138,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The library's format
+    /// Returns the corresponding format of the library
     pub fn of_mesh(self) -> MeshFormat {
         match self {
             Format::Ply => MeshFormat::Ply,
@@ -151,20 +151,20 @@ impl Format {
 }
 
 pub const SCAN_HELP: &str = "\
-A scan folder holds photos of a person who turns to the left in even steps before a camera that does not
-move, and beside each photo its keypoints (OpenPose JSON, BODY_25):
+A scan folder contains photos of a person who turns to the left in equal steps in front of a static camera, and
+the keypoints of each photo (OpenPose JSON, BODY_25):
   000.jpg 000_keypoints.json 001.jpg 001_keypoints.json ...
-An optional scan.json tells more, most of all the person's height; every key but `image` may be left out,
-and without `views` the photos are taken in the order of their names:
+An optional scan.json provides additional data, most importantly the person's height. All keys except `image` are
+optional; without `views`, the photos are used in the order of their names:
   { \"pose\": \"a\", \"subject\": { \"stature_mm\": 1748, \"sex\": \"female\", \"mass_kg\": 64, \"age_years\": 35 },
     \"camera\": { \"vertical_fov_deg\": 50.1, \"height_mm\": 890, \"distance_mm\": 2400, \"pitch_deg\": 0,
                 \"mm_per_px\": 2.1 },
     \"views\": [ { \"image\": \"000.jpg\", \"keypoints\": \"000_keypoints.json\", \"angle_deg\": 0,
                  \"mask\": \"000_mask.png\" } ] }
 
-Without the height, the scale may come from the size of a pixel at the turning axis (`mm_per_px`) or from a bank card in a
-photo (`--scale card`); without any, lengths are in units of the height. With sex and mass, statistics of a survey support
-the measures: details tell what came from pixels and what from them. The age is only written down with the results.
+Without the height, the scale is computed from the size of a pixel at the turning axis (`mm_per_px`) or from a bank
+card in a photo (`--scale card`); without any of these, lengths are in units of the height. Given sex and mass, survey
+statistics contribute to the measurements; `details` lists both contributions. The age is only copied to the results.
 
 Examples:
   pirouette scan photos/anna
@@ -175,27 +175,27 @@ Examples:
   pirouette scan photos/anna --avatar me.vrm --json | jq .measurements_mm";
 
 pub const SEGMENT_HELP: &str = "\
-Writes result.json, contact.jpg and, per view, mask.png, overlay.jpg and view.json.
+Writes result.json, contact.jpg and, for each view, mask.png, overlay.jpg and view.json.
 
 Examples:
   pirouette segment photos/anna -o anna
   pirouette segment one_photo -o out       a folder with one photo and its keypoints";
 
 pub const NORMALIZE_HELP: &str = "\
-Does what `segment` does, and writes normalized.png per view and, with the method `fit`, residuals.jpg.
+In addition to `segment`, writes normalized.png for each view and, with the method `fit`, residuals.jpg.
 
 Examples:
   pirouette normalize photos/anna -o anna
   pirouette normalize photos/anna --method three-step --no-register --no-refine";
 
 pub const RECONSTRUCT_HELP: &str = "\
-Does what `normalize` does, and writes the body.
+In addition to `normalize`, writes the body.
 
 Examples:
   pirouette reconstruct photos/anna -o anna --format obj,stl";
 
 pub const MEASURE_HELP: &str = "\
-Does what `reconstruct` does, and writes measurements.json.
+In addition to `reconstruct`, writes measurements.json.
 
 Examples:
   pirouette measure photos/anna -o anna

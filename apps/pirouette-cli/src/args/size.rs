@@ -9,11 +9,11 @@ use super::Sex;
 /// Arguments of `size`
 #[derive(Debug, Args)]
 pub struct SizeArgs {
-    /// A result folder, or a measurements.json
+    /// Result folder or measurements.json file
     #[arg(value_name = "OUT")]
     pub out: PathBuf,
 
-    /// Whose charts; both when neither this nor scan.json tells
+    /// Sex of the charts [default: that in scan.json, else both]
     #[arg(long, value_enum)]
     pub sex: Option<Sex>,
 
@@ -23,16 +23,16 @@ pub struct SizeArgs {
 }
 
 pub const SIZE_HELP: &str = "\
-One size, two neighboring ones, or \"not sure\", with probabilities from the deviations of the measures. The built-in charts
-follow EN 13402-3. A chart of your own is a TOML file:
+Prints one size, two adjacent sizes or \"not sure\", with probabilities derived from the standard deviations of the
+measurements. The built-in charts follow EN 13402-3. A custom chart is a TOML file:
   [[chart]]
   name = \"Our shirts\"
-  sex = \"female\"                        or \"male\"; for everybody without
+  sex = \"female\"                        or \"male\"; omit for all
   garment = \"top\"
-  primary = \"bust_girth\"               any key of measurements.json
+  primary = \"bust_girth\"               any measure of measurements.json
   secondary = [\"waist_girth\"]
   size = [
-    { name = \"S\", bust_girth = [82, 90], waist_girth = [66, 74] },   in cm, of the body, small to large
+    { name = \"S\", bust_girth = [82, 90], waist_girth = [66, 74] },   body dimensions in cm, ascending
     { name = \"M\", bust_girth = [90, 98], waist_girth = [74, 82] },
   ]
 

@@ -1,6 +1,6 @@
-//! Fresh folders, rendered scans and the command itself.
+//! Temporary folders, rendered scans and runs of the command.
 
-#![allow(dead_code, reason = "each test program uses its part")]
+#![allow(dead_code, reason = "each test program uses a part")]
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use pirouette_synthetic::SyntheticScan;
 use pirouette_synthetic::people;
 use serde_json::Value;
 
-/// A scan folder and a place for results, both temporary
+/// A temporary scan folder and a path for its results
 pub struct Folders {
     temporary: tempfile::TempDir,
 }
@@ -24,7 +24,7 @@ impl Folders {
         Self { temporary }
     }
 
-    /// With the first views of a rendered person in it
+    /// Creates a scan folder with the first views of a rendered person
     pub fn with_views(view_count: usize) -> Self {
         let folders = Self::empty();
         let mut person = person().clone();
@@ -51,7 +51,7 @@ impl Folders {
         path
     }
 
-    /// The scan folder as a zip file, as desktop programs make it
+    /// Writes the scan folder to a zip file in the layout of desktop programs
     pub fn zip(&self) -> PathBuf {
         use std::io::Write;
 
@@ -71,12 +71,12 @@ impl Folders {
         file
     }
 
-    /// Runs a scanning command from the scan folder to the result folder
-    pub fn run(&self, command: &str, switches: &[&str]) -> Run {
+    /// Runs a command that reads the scan folder and writes the result folder
+    pub fn run(&self, command: &str, flags: &[&str]) -> Run {
         let mut all = vec![command];
         let (scan, out) = (self.scan(), self.out());
         all.extend([text(&scan), "-o", text(&out)]);
-        all.extend(switches);
+        all.extend(flags);
         pirouette(&all)
     }
 
@@ -90,7 +90,7 @@ pub fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// Four views of one rendered person, made once per test program
+/// Returns four views of one rendered person, rendered once per test program
 pub fn person() -> &'static SyntheticScan {
     static PERSON: OnceLock<SyntheticScan> = OnceLock::new();
     PERSON.get_or_init(|| people::turning_woman(4))
@@ -127,7 +127,7 @@ impl Run {
         self
     }
 
-    /// The one line that programs read
+    /// Parses the line of JSON
     #[track_caller]
     pub fn json_line(&self) -> Value {
         let stdout = self.stdout();

@@ -333,7 +333,7 @@ mod tests {
         Page {
             title: "anna & <ben>",
             facts: vec![("views", "2 of 3".into())],
-            warnings: vec!["view \"x\" is left out: <script>alert('hi')</script>".into()],
+            warnings: vec!["view \"x\" is rejected: <script>alert('hi')</script>".into()],
             measurements: vec![
                 (Measure::CalfGirth, measured(Ok(360.6))),
                 (Measure::HipGirth, measured(Err(Unavailable::Hidden))),

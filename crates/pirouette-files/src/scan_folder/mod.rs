@@ -111,7 +111,7 @@ pub struct FailedView {
 
 impl fmt::Display for FailedView {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "view {} is left out (load): {}", self.view, self.reason)
+        write!(f, "view {} is rejected (load): {}", self.view, self.reason)
     }
 }
 

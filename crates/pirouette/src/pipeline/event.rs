@@ -1,41 +1,41 @@
-//! What a running job tells, and how it is stopped.
+//! Events and cancellation of a running job.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::pipeline::Warning;
 
-/// A part of the job, in the order in which they run
+/// Stages of a job, in the order in which they run
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Stage {
-    /// Photos and keypoints are read
+    /// Reads photos and keypoints
     Load,
-    /// The reference figure is made or read
+    /// Builds or reads the reference avatar
     Avatar,
-    /// One skeleton is found for all views
+    /// Fits one skeleton to the keypoints of all views
     SkeletonFit,
-    /// The reference figure is drawn in the person's poses
+    /// Renders the avatar in the person's poses
     Prior,
-    /// Photos become silhouettes
+    /// Segments the photos into silhouettes
     Segment,
-    /// One body and its poses are fitted to all silhouettes
+    /// Fits one body and its poses to all silhouettes
     BodyFit,
-    /// The fitted body takes the colors of the photos
+    /// Samples the colors of the fitted body in the photos
     Color,
-    /// Silhouettes are brought to the reference pose
+    /// Transforms the silhouettes to the reference pose
     Normalize,
-    /// Silhouettes become a body
+    /// Carves the visual hull of the silhouettes
     Carve,
-    /// Tapes are laid around the body
+    /// Measures the body
     Measure,
-    /// Overlays and the contact sheet are drawn
+    /// Draws overlays and the contact sheet
     Pictures,
-    /// Results are written
+    /// Writes the results
     Write,
 }
 
 impl Stage {
-    /// Name in files and on the terminal
+    /// Returns the name used in files and messages
     pub fn name(self) -> &'static str {
         match self {
             Stage::Load => "load",
@@ -54,14 +54,14 @@ impl Stage {
     }
 }
 
-/// What a running job tells
+/// Progress and warnings of a running job
 #[derive(Debug, Clone)]
 pub enum Event {
-    /// A stage begins; it has so many steps, 1 when they are not told apart
+    /// A stage starts
     StageStarted {
         /// The stage
         stage: Stage,
-        /// Steps to come
+        /// Number of steps; 1 when steps are not reported separately
         step_count: usize,
     },
     /// One step of the running stage is done
@@ -73,26 +73,26 @@ pub enum Event {
     StageDone {
         /// The stage
         stage: Stage,
-        /// How long it took
+        /// Duration, in seconds
         seconds: f64,
     },
-    /// Something was decided without being asked, or a view was lost
+    /// An automatic correction, a rejected view or an inconsistency
     Warning(Warning),
 }
 
-/// Asks a running job to stop; copies share the request
+/// Requests cancellation of a running job; clones share the request
 #[derive(Debug, Clone, Default)]
 pub struct CancelToken {
     cancelled: Arc<AtomicBool>,
 }
 
 impl CancelToken {
-    /// Asks the job to stop at the next step
+    /// Requests cancellation at the next step
     pub fn cancel(&self) {
         self.cancelled.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the job was asked to stop
+    /// Returns whether cancellation was requested
     pub fn cancelled(&self) -> bool {
         self.cancelled.load(Ordering::Relaxed)
     }

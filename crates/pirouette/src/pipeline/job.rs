@@ -1,4 +1,4 @@
-//! A running job: what each stage takes from those before it.
+//! A running job: passes the results of each stage to the next ones.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -39,7 +39,7 @@ pub(super) struct Job<'a> {
     pub(super) seconds: Vec<(Stage, f64)>,
 }
 
-/// Counts the steps of a stage, from any thread
+/// Reports completed steps of a stage, from any thread
 struct Steps<'a> {
     stage: Stage,
     on_event: Mutex<&'a mut (dyn FnMut(Event) + Send)>,
@@ -124,7 +124,7 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// Whether all photos can come from one camera
+    /// Returns whether all photos have the aspect ratio of one camera
     fn one_shape(&self) -> bool {
         let mut shapes = self.scan.views.iter().map(|view| {
             let (width, height) = (view.photo.width(), view.photo.height());
@@ -139,7 +139,7 @@ impl<'a> Job<'a> {
         self.stage(Stage::Avatar, 1, |_| make_avatar(scan, source))?
     }
 
-    /// One skeleton for all views; silhouettes alone can do without
+    /// Fits one skeleton to all views; optional if only silhouettes are requested
     pub(super) fn fit_skeleton(
         &mut self,
         avatar: &Avatar,
@@ -163,7 +163,7 @@ impl<'a> Job<'a> {
         };
         let name = |index: usize| scan.views[index].name.clone();
         for &warning in &skeleton.warnings {
-            // Silhouettes have no size in mm.
+            // Silhouettes do not depend on the scale in mm.
             if self.config.goal > Goal::Segment || !warning::is_about_scale(warning) {
                 self.warn(Warning::Skeleton(warning));
             }
@@ -182,7 +182,7 @@ impl<'a> Job<'a> {
         Ok(Some((skeleton, views)))
     }
 
-    /// Where each photo shows the avatar with the person's bones in the person's pose; empty without a skeleton
+    /// Renders the avatar with the person's bones in the pose of each view; empty without a skeleton
     pub(super) fn render_priors(
         &mut self,
         skeleton: Option<&Skeleton>,
@@ -203,7 +203,7 @@ impl<'a> Job<'a> {
     ) -> Result<Vec<SolvedView>, PipelineError> {
         let (scan, cancel) = (self.scan, self.cancel);
         let options = SegmentOptions {
-            // Photos of different cameras share neither colors nor background.
+            // Photos of different cameras have neither colors nor background in common.
             single: self.config.segment.single || !self.one_shape(),
             ..self.config.segment
         };
@@ -243,7 +243,7 @@ impl<'a> Job<'a> {
 
     /// Fits one body to all views
     ///
-    /// Views that contradict the others are dropped, and the body is fitted again.
+    /// If views are inconsistent with the others, they are dropped and the body is fitted again.
     pub(super) fn fit_body(&mut self, report: &mut Report) -> Result<(), PipelineError> {
         self.fit_all(report)?;
         let bad = contradicting(&report.views);
@@ -313,7 +313,7 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// Colors the fitted body
+    /// Samples the colors of the fitted body
     pub(super) fn color(&mut self, report: &mut Report) -> Result<(), PipelineError> {
         let scan = self.scan;
         let (Some(fit), views) = (&report.fit, &report.views) else {
@@ -335,7 +335,7 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// Brings each silhouette to the reference pose
+    /// Transforms each silhouette to the reference pose
     pub(super) fn normalize(&mut self, report: &mut Report) -> Result<(), PipelineError> {
         let (config, cancel) = (self.config, self.cancel);
         let read: &Report = report;
@@ -377,7 +377,7 @@ impl<'a> Job<'a> {
         self.check_left(report.views.len())
     }
 
-    /// Carves the hull where it is the body or was requested, and hands back the normalized outlines
+    /// Carves the hull if it is the body or was requested, and returns the normalized outlines
     pub(super) fn carve(&mut self, report: &mut Report) -> Result<Vec<OutlineMap>, PipelineError> {
         let mut outlines = Vec::new();
         if report.fit.is_none() || self.config.hull {
@@ -403,7 +403,7 @@ impl<'a> Job<'a> {
         Ok(outlines)
     }
 
-    /// Tapes around the body: the fitted one, or the one carved from the `normalized` outlines
+    /// Measures the body: the fitted one, or the one carved from the `normalized` outlines
     pub(super) fn measure(
         &mut self,
         report: &mut Report,
@@ -449,7 +449,7 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// The report with what the job lists
+    /// Completes the report with rejected views, warnings and times
     pub(super) fn finish(self, report: Report) -> Report {
         Report {
             dropped: self.dropped,
@@ -460,10 +460,10 @@ impl<'a> Job<'a> {
     }
 }
 
-/// Whether the mannequin that a fit starts from is to be chosen: when nothing was said about it
+/// Returns whether the initial mannequin of the fit is selected by the silhouettes: if none was specified
 ///
-/// Until then a neutral one does. A sketch would not: with its lumps for fingers as the prior, the segmentation loses hands
-/// (160 rendered photos: 10 % quantile of the IoU 0.985 to 0.978).
+/// Earlier stages use a neutral one. A coarse mannequin does not suffice there: it has no separate fingers, and with it
+/// as the prior, the segmentation loses hands (160 rendered photos: 10 % quantile of the IoU 0.985 to 0.978).
 fn is_free(config: &Config) -> bool {
     let said_nothing = matches!(
         config.avatar,
@@ -475,10 +475,10 @@ fn is_free(config: &Config) -> bool {
     said_nothing && config.method == Method::Fit
 }
 
-/// How far the skeleton's camera may be off, where it was not given
+/// Returns the uncertainty of the skeleton's camera; zero for given parameters
 ///
-/// The places of a figure's joints in its body are not those of a detector, which tilts the camera by 0.1 to 0.3 degrees
-/// and moves it by up to 0.7 %.
+/// The joints of an avatar differ in position from the points that a detector reports, which tilts the camera by 0.1 to
+/// 0.3 degrees and moves it by up to 0.7 %.
 fn camera_spread(given: &CameraSetup) -> CameraSpread {
     let unless = |given: Option<f64>, spread: f64| if given.is_some() { 0.0 } else { spread };
     CameraSpread {
@@ -488,15 +488,16 @@ fn camera_spread(given: &CameraSetup) -> CameraSpread {
     }
 }
 
-/// Views that a body fit needs at least
+/// Minimum number of views of a body fit
 const MIN_FIT_VIEWS: usize = 2;
 
-/// A view contradicts the others when its overlap is this much below the median
+/// A view is inconsistent with the others if its overlap is this much below the median
 ///
-/// Rendered people and a clothed man stay within 0.02 of it; a photo of another pose or person falls by 0.1 and more.
+/// Overlaps of rendered people and a clothed man are within 0.02 of it; that of a photo of another pose or person is
+/// lower by 0.1 and more.
 const CONTRADICTION: f64 = 0.07;
 
-/// Views that contradict the others, if those are a clear majority
+/// Returns the views that are inconsistent with the others, if the others are a clear majority
 fn contradicting(views: &[SolvedView]) -> Vec<(ViewId, DropReason)> {
     let ious: Vec<(ViewId, f64)> = views
         .iter()
@@ -512,7 +513,7 @@ fn contradicting(views: &[SolvedView]) -> Vec<(ViewId, DropReason)> {
         .filter(|(_, iou)| *iou < usual - CONTRADICTION)
         .map(|&(id, iou)| (id, DropReason::Contradicts { iou, usual }))
         .collect();
-    // With few views it is undecidable which one is wrong.
+    // With few views, the wrong one cannot be identified.
     if 4 * bad.len() <= ious.len() {
         bad
     } else {

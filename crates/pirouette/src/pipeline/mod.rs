@@ -1,7 +1,7 @@
 //! The complete job: stages in order, events, cancellation.
 //!
-//! [`run`] is pure computation over a scan in memory; reports are written by `pirouette-files`. A view that a
-//! stage cannot use is dropped with a warning while enough are left. Photos are never copied.
+//! [`run`] is pure computation over a scan in memory; `pirouette-files` writes the reports. A view that a stage
+//! rejects is dropped with a warning as long as enough views remain. Photos are never copied.
 
 mod event;
 mod job;
@@ -30,17 +30,17 @@ pub use stages::{
 };
 pub use warning::Warning;
 
-/// How views are brought to the reference pose
+/// Method that transforms views to the reference pose
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
-    /// One body is fitted to all views
+    /// Fits one body to all views
     #[default]
     Fit,
     /// The published method, view by view: limb alignment (eq. 1), registration, refinement
     ThreeStep,
 }
 
-/// How far the job goes
+/// Last result that a job computes
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub enum Goal {
     /// Silhouettes
@@ -49,16 +49,16 @@ pub enum Goal {
     Normalize,
     /// The body
     Reconstruct,
-    /// Its measurements
+    /// The measurements of the body
     #[default]
     Measure,
 }
 
 impl Goal {
-    /// Views without which there is no result
+    /// Returns the minimum number of usable views
     ///
-    /// A silhouette stands for itself; when of many views two are left, something is wrong. Two views that were all that was
-    /// given do for a body fit.
+    /// Silhouettes are computed for single views. Two remaining views of many indicate a defect of the scan, but a body
+    /// fit accepts a scan of two views.
     pub fn min_view_count(self) -> usize {
         match self {
             Goal::Segment | Goal::Normalize => 1,
@@ -67,50 +67,50 @@ impl Goal {
     }
 }
 
-/// Where the reference figure comes from
+/// Source of the reference avatar
 #[derive(Debug, Clone, PartialEq)]
 pub enum AvatarSource {
     /// The built-in mannequin
     Mannequin {
-        /// Whose proportions
+        /// Sex that determines the proportions
         sex: Sex,
-        /// Body mass, in kg; usual for the stature when not given
+        /// Body mass, in kg; the average for the stature if `None`
         mass_kg: Option<f64>,
     },
     /// A skinned glTF or VRM file
     File {
-        /// What messages call it
+        /// Name in messages
         name: String,
-        /// Its bytes
+        /// Content of the file
         bytes: Vec<u8>,
     },
 }
 
-/// What to do
+/// Configuration of a job
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {
-    /// How far to go
+    /// Last result to compute
     pub goal: Goal,
-    /// How views are brought to the reference pose
+    /// Method that transforms views to the reference pose
     pub method: Method,
-    /// The reference figure
+    /// The reference avatar
     pub avatar: AvatarSource,
-    /// Whether each view is fitted to the reference by a rigid motion (eq. 2 to 4)
+    /// Whether to register each view to the reference by a rigid motion (eq. 2 to 4)
     pub register: bool,
-    /// Whether arms and legs are refined against the reference (eq. 5 to 7)
+    /// Whether to refine arms and legs against the reference (eq. 5 to 7)
     pub refine: bool,
-    /// Views that were given, where some of them could not even be loaded; else all of the scan
+    /// Number of given views, including those that could not be loaded; `None` for the number of views in the scan
     pub given_view_count: Option<usize>,
-    /// Whether the visual hull is carved, too, where another body is the result
+    /// Whether to carve the visual hull in addition to the fitted body
     pub hull: bool,
-    /// How photos are segmented; photos of several cameras are always taken singly
+    /// Options of the segmentation; photos of several cameras are always segmented separately
     pub segment: SegmentOptions,
-    /// How the body is fitted
+    /// Options of the body fit
     pub fit: BodyFitOptions,
 }
 
 impl Config {
-    /// The usual way of a method: the published steps belong to `ThreeStep`
+    /// Returns the default configuration of a method: registration and refinement for `ThreeStep` only
     pub fn new(goal: Goal, method: Method) -> Self {
         let published = method == Method::ThreeStep;
         Self {
@@ -133,35 +133,35 @@ impl Config {
 /// Why a job has no result
 #[derive(Debug, Error)]
 pub enum PipelineError {
-    /// Too few views, or too few left
+    /// Too few usable views
     #[error(
-        "{left} usable {} too few, at least {needed} are needed; give more photos, or mend the views that were left out",
+        "{left} usable {} too few, at least {needed} are needed; provide more photos, or fix the rejected views",
         if *left == 1 { "view is" } else { "views are" }
     )]
     TooFewViews {
-        /// Views that can be used
+        /// Number of usable views
         left: usize,
-        /// Views that the goal needs
+        /// Number of views that the goal needs
         needed: usize,
     },
-    /// No mannequin of that stature
-    #[error("cannot make the reference figure")]
+    /// No mannequin of the given stature
+    #[error("cannot build the reference avatar")]
     Mannequin(#[from] MannequinError),
-    /// The given figure cannot be used
-    #[error("cannot use {name} as the reference figure")]
+    /// The given avatar cannot be used
+    #[error("cannot use {name} as the reference avatar")]
     Avatar {
-        /// Its name
+        /// Name of the avatar
         name: String,
-        /// Why
+        /// Cause
         source: LoadAvatarError,
     },
-    /// No skeleton
+    /// No skeleton fits
     #[error("no skeleton fits the keypoints")]
     SkeletonFit(#[from] SkeletonFitError),
-    /// No body
-    #[error("no body can be carved")]
+    /// Carving fails
+    #[error("cannot carve the body")]
     Carve(#[from] CarveError),
-    /// Asked to stop
+    /// Cancellation was requested
     #[error("cancelled")]
     Cancelled,
 }
@@ -175,12 +175,12 @@ impl From<InitialBodyError> for PipelineError {
     }
 }
 
-/// Does the whole job on a loaded scan, up to the goal of `config`
+/// Runs the stages on a loaded scan, up to the goal of `config`
 ///
 /// `on_event` receives progress and warnings; calls are serialized but may come from any thread.
 ///
 /// # Errors
-/// When too few views are left, the reference figure cannot be used, no skeleton fits, or the job was cancelled.
+/// When too few views remain, the reference avatar cannot be used, no skeleton fits, or the job was cancelled.
 pub fn run(
     scan: &Scan,
     config: &Config,
@@ -199,7 +199,7 @@ pub fn run(
     Ok(job.finish(report))
 }
 
-/// The stages that need a skeleton, up to the goal
+/// Runs the stages that need a skeleton, up to the goal
 fn find_body(job: &mut Job, report: &mut Report) -> Result<(), PipelineError> {
     let goal = report.goal;
     if goal < Goal::Normalize || report.skeleton.is_none() {

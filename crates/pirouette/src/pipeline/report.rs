@@ -1,4 +1,4 @@
-//! What a job found.
+//! Results of a job.
 
 use pirouette_geom::TriMesh;
 use thiserror::Error;
@@ -13,41 +13,41 @@ use crate::skeleton_fit::Skeleton;
 use crate::view::{SolvedView, ViewId};
 use pirouette_body::Avatar;
 
-/// What a job found, up to its goal
+/// Results of a job, up to its goal
 #[derive(Debug)]
 pub struct Report {
-    /// How it was done
+    /// Method used
     pub method: Method,
-    /// How far it went
+    /// Goal of the job
     pub goal: Goal,
-    /// The reference figure, at the stature of the person
+    /// The reference avatar, at the stature of the person
     pub avatar: Avatar,
-    /// One skeleton for all views; `None` when the keypoints did not suffice and silhouettes were all that was asked for
+    /// One skeleton for all views; `None` when only silhouettes were requested and no skeleton fits the keypoints
     pub skeleton: Option<Skeleton>,
-    /// The body fitted to all views; by [`Method::Fit`] only
+    /// The body fitted to all views; only for [`Method::Fit`]
     pub fit: Option<FittedBody>,
-    /// The mannequin that the fit started from, where the silhouettes chose it
+    /// The initial mannequin of the fit, if it was selected by the silhouettes
     pub start: Option<InitialMannequin>,
-    /// The views that went through, in the order of the scan
+    /// The accepted views, in the order of the scan
     pub views: Vec<SolvedView>,
     /// The body in the reference pose, world frame, mm
     pub body: Option<TriMesh>,
-    /// Colors of the fitted body, where any photo shows it
+    /// Colors of the fitted body, if any photo shows it
     pub colors: Option<SurfaceColors>,
-    /// The visual hull of the normalized silhouettes, if it was asked for
+    /// The visual hull of the normalized silhouettes, if requested
     pub hull: Option<TriMesh>,
     /// Measurements of the body
     pub measurements: Option<Measurements>,
-    /// The views that did not
+    /// The rejected views
     pub dropped: Vec<DroppedView>,
-    /// What was decided without being asked
+    /// Automatic corrections and other warnings
     pub warnings: Vec<Warning>,
-    /// How long each stage took, in order
+    /// Duration of each stage, in order
     pub seconds: Vec<(Stage, f64)>,
 }
 
 impl Report {
-    /// What is known once there are silhouettes
+    /// Creates the report after the segmentation
     pub(super) fn new(
         config: &Config,
         avatar: Avatar,
@@ -72,15 +72,15 @@ impl Report {
         }
     }
 
-    /// The avatar with the person's bone lengths: the fitted body where there is one
+    /// Returns the avatar with the person's bone lengths: the fitted body, if there is one
     pub fn person(&self) -> Option<&Avatar> {
         let fitted = self.fit.as_ref().map(|fit| &fit.avatar);
         fitted.or_else(|| self.skeleton.as_ref().map(|skeleton| &skeleton.avatar))
     }
 
-    /// The avatar in the reference pose that silhouettes are normalized to
+    /// Returns the avatar in the reference pose to which silhouettes are normalized
     ///
-    /// The published method knows the person's proportions from the photo alone.
+    /// The published method obtains the person's proportions from each photo alone, and uses the unfitted avatar.
     pub fn normalization_reference(&self) -> &Avatar {
         match (&self.fit, self.method, &self.skeleton) {
             (Some(fit), _, _) => &fit.avatar,
@@ -89,7 +89,7 @@ impl Report {
         }
     }
 
-    /// Mean intersection over union of the posed body with the silhouettes; `None` where no body was fitted
+    /// Returns the mean intersection over union of the posed body with the silhouettes; `None` without a fitted body
     pub fn mean_fit_iou(&self) -> Option<f64> {
         let views = self.views.iter();
         let ious: Vec<f64> = views.filter_map(|view| view.fit?.silhouette_iou).collect();
@@ -97,29 +97,29 @@ impl Report {
     }
 }
 
-/// A view that a stage could not use
+/// A view that a stage rejected
 #[derive(Debug, Clone, PartialEq)]
 pub struct DroppedView {
-    /// Its place in the scan
+    /// Index in the scan
     pub id: ViewId,
-    /// The stage that gave up on it
+    /// The stage that rejected it
     pub stage: Stage,
-    /// Why
+    /// Reason for the rejection
     pub reason: DropReason,
 }
 
-/// Why a stage gave up on a view
+/// Why a stage rejected a view
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum DropReason {
-    /// No silhouette
+    /// The segmentation fails
     #[error("{0}")]
     Segment(SegmentError),
-    /// No silhouette in the reference pose
+    /// The normalization fails
     #[error("{0}")]
     Normalize(NormalizeError),
-    /// The body that explains the other views does not explain it
+    /// The view is inconsistent with the others: the body fitted to all views does not fit its silhouette
     #[error(
-        "no pose of the body covers its silhouette: they overlap by {iou:.2}, those of the other views by {usual:.2}; \
+        "no pose of the body fits its silhouette: the overlap (IoU) is {iou:.2}, that of other views {usual:.2}; \
          check its photo, angle and mask"
     )]
     Contradicts {

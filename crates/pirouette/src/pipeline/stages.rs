@@ -20,7 +20,7 @@ use crate::scan::Scan;
 use crate::skeleton_fit::SkeletonView;
 use crate::view::SolvedView;
 
-/// Makes the reference avatar of a job, at the stature of the person
+/// Builds or loads the reference avatar of a job, at the stature of the person
 ///
 /// # Errors
 /// When there is no such mannequin, or the file cannot be used.
@@ -49,7 +49,7 @@ pub fn make_avatar(scan: &Scan, source: &AvatarSource) -> Result<Avatar, Pipelin
     }
 }
 
-/// Renders where each photo shows the avatar in the person's pose
+/// Renders the silhouette of the avatar in the person's pose, for each view
 ///
 /// `avatar` has the person's bone lengths. `on_view_done` is called from any thread.
 pub fn render_priors(
@@ -67,10 +67,10 @@ pub fn render_priors(
     views.par_iter().map(render).collect()
 }
 
-/// Normalizes views, with what they have in common prepared once
+/// Normalizes views; data common to all views is prepared once
 #[derive(Debug)]
 pub struct Normalizer<'a> {
-    /// The person's skeleton, whose poses the views have
+    /// The avatar that the poses of the views refer to
     person: &'a Avatar,
     reference: &'a Avatar,
     mesh: SilhouetteMesh,
@@ -79,9 +79,7 @@ pub struct Normalizer<'a> {
 }
 
 impl<'a> Normalizer<'a> {
-    /// Prepares the steps that a configuration selects
-    ///
-    /// `None` before a skeleton was found.
+    /// Prepares the steps selected by a configuration; `None` without a skeleton
     pub fn new(config: &Config, report: &'a Report) -> Option<Self> {
         let options = match config.method {
             Method::Fit => NormalizeOptions::fitted_body(),
@@ -105,7 +103,7 @@ impl<'a> Normalizer<'a> {
         Some(normalizer)
     }
 
-    /// Prepares normalization without a fitted body: `person` has the poses of the views, `reference` is the target
+    /// Prepares normalization without a fitted body: the poses refer to `person`, `reference` is the target
     pub fn with_options(
         person: &'a Avatar,
         reference: &'a Avatar,
@@ -155,7 +153,7 @@ impl<'a> Normalizer<'a> {
     }
 }
 
-/// Outlines of the normalized silhouettes, in the order of the views
+/// Computes the outlines of the normalized silhouettes, in the order of the views
 pub fn normalized_outlines(views: &[SolvedView]) -> Vec<OutlineMap> {
     let outline = |normalized: &NormalizedView| {
         // Soft silhouettes of all views at once would be the largest part of a job's memory.
@@ -165,14 +163,14 @@ pub fn normalized_outlines(views: &[SolvedView]) -> Vec<OutlineMap> {
     normalized.map(outline).collect()
 }
 
-/// Outlines of the photographed silhouettes, in the order of the views
+/// Computes the outlines of the photographed silhouettes, in the order of the views
 pub fn photographed_outlines(views: &[SolvedView]) -> Vec<OutlineMap> {
     let outline =
         |view: &SolvedView| OutlineMap::new(&view.silhouette.soft.whole(), OutlineMap::NEAR_PX);
     views.par_iter().map(outline).collect()
 }
 
-/// Silhouettes to measure: photographed ones where a body was fitted, else normalized ones
+/// Returns the silhouettes to measure: photographed ones for a fitted body, normalized ones otherwise
 pub(super) fn measure_views<'a>(
     views: &[SolvedView],
     outlines: &'a [OutlineMap],
@@ -188,7 +186,7 @@ pub(super) fn measure_views<'a>(
         .collect()
 }
 
-/// Silhouettes in the reference pose to carve, with their outlines
+/// Returns the silhouettes in the reference pose to carve, with their outlines
 pub fn carve_views<'a>(views: &[SolvedView], outlines: &'a [OutlineMap]) -> Vec<CarveView<'a>> {
     let views = views.iter().zip(outlines);
     views

@@ -1,4 +1,4 @@
-//! What a job decided without being asked.
+//! Warnings: automatic corrections and rejected views.
 
 use thiserror::Error;
 
@@ -8,23 +8,25 @@ use crate::pipeline::{DropReason, Stage};
 use crate::skeleton_fit::{SkeletonFitError, SkeletonFitWarning, SwapGroup};
 use pirouette_body::Joint;
 
-/// Something that the user should know, though the job goes on
+/// An automatic correction, a rejected view or an inconsistency; the job continues
 #[derive(Debug, Clone, PartialEq, Error)]
-#[allow(missing_docs, reason = "the messages say it")]
+#[allow(missing_docs, reason = "the messages document the variants")]
 pub enum Warning {
-    #[error("view {view} is left out ({}): {reason}", stage.name())]
+    #[error("view {view} is rejected ({}): {reason}", stage.name())]
     ViewDropped {
         view: String,
         stage: Stage,
         reason: DropReason,
     },
-    #[error("no skeleton fits all views, each photo is segmented by its own bones: {0}")]
+    #[error(
+        "no skeleton fits all views; each photo is segmented with the bones detected in it: {0}"
+    )]
     NoSkeleton(SkeletonFitError),
     #[error("{0}")]
     Skeleton(SkeletonFitWarning),
-    #[error("view {view}: left and right were mixed up ({}); swapped them back", limb.name())]
+    #[error("view {view}: swapped left and right were corrected ({})", limb.name())]
     SidesSwapped { view: String, limb: SwapGroup },
-    #[error("view {view}: {} lies {residual_px:.0} px from where the other joints place it", joint.name())]
+    #[error("view {view}: {} is {residual_px:.0} px from the position predicted by the other joints", joint.name())]
     Outlier {
         view: String,
         joint: Joint,
@@ -36,7 +38,7 @@ pub enum Warning {
         warning: NormalizeWarning,
     },
     #[error(
-        "{}: outlines say {lines_mm:.0} mm, the fitted body {body_mm:.0} mm; look at the silhouettes there",
+        "{}: {lines_mm:.0} mm by the outlines, {body_mm:.0} mm by the fitted body; check the silhouettes there",
         measure.name().replace('_', " ")
     )]
     TapesDiffer {
@@ -47,7 +49,7 @@ pub enum Warning {
 }
 
 impl Warning {
-    /// The view that it is about, if it is about one
+    /// Returns the view concerned, if the warning concerns a single view
     pub fn view(&self) -> Option<&str> {
         match self {
             Warning::ViewDropped { view, .. }
@@ -58,7 +60,7 @@ impl Warning {
         }
     }
 
-    /// Stable name for programs
+    /// Returns the stable code of the warning, for programs
     pub fn code(&self) -> &'static str {
         match self {
             Warning::ViewDropped { .. } => "view_dropped",
@@ -85,7 +87,7 @@ impl Warning {
     }
 }
 
-/// Whether a warning matters for lengths in mm only
+/// Returns whether a warning concerns lengths in mm only
 pub(super) fn is_about_scale(warning: SkeletonFitWarning) -> bool {
     matches!(
         warning,
