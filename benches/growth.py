@@ -20,8 +20,8 @@ VIEW_COUNTS = [4, 8, 16, 36, 72]
 RUNS = 3
 
 
-"""Returns seconds and megabytes of the best run"""
-    """Seconds and megabytes of the best run"""
+def scan(folder, *options):
+    """Returns seconds and megabytes of the best run"""
     best = (float("inf"), 0.0)
     for _ in range(RUNS):
         command = [BINARIES / "pirouette", "scan", folder, "-o", folder / "result", "--json", *options]

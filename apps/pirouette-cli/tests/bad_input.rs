@@ -56,7 +56,7 @@ fn a_view_without_a_detected_person_is_rejected() {
     let reason = reason_for_rejection(|folders| {
         folders.write("scan/001_keypoints.json", r#"{"version":1.3,"people":[]}"#);
     });
-    assert!(reason.contains("nobody"), "{reason}");
+    assert!(reason.contains("contains no person"), "{reason}");
 }
 
 #[test]
