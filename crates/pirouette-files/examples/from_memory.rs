@@ -11,6 +11,7 @@
 
 use std::collections::BTreeMap;
 use std::error::Error;
+use std::hash::{DefaultHasher, Hasher};
 
 use pirouette::pipeline::{CancelToken, Config, Event, Goal, Method};
 use pirouette_files::formats::charts::built_in_charts;
@@ -25,9 +26,16 @@ fn main() -> Result<(), Box<dyn Error>> {
     let uploaded = scan_files(&turning_woman(4).scan)?;
     let files: Vec<(&str, &[u8])> = uploaded.iter().map(|(n, b)| (&n[..], &b[..])).collect();
     for (name, bytes) in scan_bytes("anna", &files)? {
-        println!("{:>9} bytes  {name}", bytes.len());
+        println!("{:>9} bytes  {:016x}  {name}", bytes.len(), hash(&bytes));
     }
     Ok(())
+}
+
+/// Makes results comparable at a glance
+fn hash(bytes: &[u8]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    hasher.write(bytes);
+    hasher.finish()
 }
 
 /// Scans a person from photos, keypoint files and `scan.json`; returns every result by name

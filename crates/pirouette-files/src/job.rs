@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 #[cfg(feature = "folders")]
 use std::path::Path;
-use std::time::Instant;
+use web_time::Instant;
 
 use pirouette::pipeline::{self, CancelToken, Config, Event, Goal, PipelineError, Report, Stage};
 use pirouette::scale::{Card, ScaleError, scale_by_card, scale_by_pixels};
@@ -116,11 +116,7 @@ pub fn run_job(
     for failed in &loaded.failed {
         on_event(JobEvent::ViewFailed(failed));
     }
-    let config = Config {
-        given_view_count: Some(loaded.given_view_count()),
-        ..config.clone()
-    };
-    let report = pipeline::run(&loaded.scan, &config, cancel, &mut |event| {
+    let report = pipeline::run(&loaded.scan, config, cancel, &mut |event| {
         on_event(JobEvent::Pipeline(event));
     })?;
     Ok(FinishedJob {

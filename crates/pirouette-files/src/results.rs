@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec2;
 use pirouette_geom::Mask;
+use pirouette_geom::parallel::prelude::*;
 use pirouette_segment::border::sharpen_mask;
-use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use thiserror::Error;
 
@@ -37,6 +37,7 @@ use pirouette_body::{Camera, ReferencePose};
 
 /// Why results could not be written
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum ResultError {
     /// Writing fails
     #[error(transparent)]
@@ -66,7 +67,7 @@ const JPEG_QUALITY: u8 = 88;
 const PAGE_OVERLAY_PX: usize = 900;
 
 /// Optional content of a result folder
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct ResultOptions<'a> {
     /// File formats of the body
     pub formats: &'a [MeshFormat],
@@ -151,11 +152,11 @@ fn write_artifacts(
         };
         // Views are many and small: they use the threads that the sheets leave idle.
         let small = || (sheet("tapes.jpg", &tapes), write_views());
-        let (large, (tapes, page_overlays)) = rayon::join(large, small);
+        let (large, (tapes, page_overlays)) = pirouette_geom::parallel::join(large, small);
         let (contact, residuals) = large?;
         Ok::<_, ResultError>((contact, residuals, tapes?, page_overlays?))
     };
-    let (body, written) = rayon::join(
+    let (body, written) = pirouette_geom::parallel::join(
         || DrawnBody::new(report),
         || write_bodies(sink, report, options.formats),
     );
@@ -258,7 +259,7 @@ fn page<'a>(
     overlays: Vec<Vec<u8>>,
 ) -> Page<'a> {
     let scan = &loaded.scan;
-    let given_count = loaded.given_view_count();
+    let given_count = loaded.scan.given_view_count();
     let mut facts = vec![
         ("views", format!("{} of {given_count}", report.views.len())),
         ("method", method_name(report.method).to_owned()),

@@ -14,7 +14,6 @@ pub mod isosurface;
 pub mod morphology;
 pub mod nearest;
 pub mod outline_map;
-#[doc(hidden)]
 pub mod parallel;
 pub mod planar_mesh;
 pub mod raster;

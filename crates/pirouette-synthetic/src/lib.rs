@@ -14,8 +14,8 @@ pub use random::Random;
 pub use room::Clutter;
 
 use glam::{DMat3, DVec2, DVec3};
+use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask, TriMesh};
-use rayon::prelude::*;
 
 use pirouette::scan::{CameraSetup, Photo, Scan, StatureFrom, Subject, View};
 use pirouette_body::Camera;
@@ -170,6 +170,7 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
             pitch_radians: (camera.pitch_radians != 0.0).then_some(camera.pitch_radians),
         },
         views: Vec::new(),
+        unusable_view_count: 0,
     };
     for (view, pose, silhouette, canonical) in views {
         scan.views.push(view);

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 use pirouette_geom::Grid;
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use super::random::{Random, noise, rough_noise};
 use pirouette_body::Camera;

@@ -1,6 +1,6 @@
 //! Initial mannequin of a fit: the sex and the mass that fit the silhouettes best.
 
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use crate::body_fit::{
     BodyFitOptions, BodyFitPrior, BodyFitView, Outlines, fit_outlines, rigid_residual,

@@ -26,7 +26,7 @@ mod tests;
 
 use glam::DVec3;
 use pirouette_geom::TriMesh;
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 use thiserror::Error;
 
 use self::extremities::FootPlan;
@@ -79,6 +79,7 @@ const REGRESSION_BMI: [f64; 2] = [14.0, 50.0];
 /// Why a mannequin cannot be built
 #[derive(Debug, Clone, PartialEq, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum MannequinError {
     #[error("stature of {stature_mm} mm is outside {} to {} mm", STATURE_RANGE_MM[0], STATURE_RANGE_MM[1])]
     Stature { stature_mm: f64 },

@@ -13,7 +13,7 @@
 
 use glam::DVec3;
 use pirouette_geom::TriMesh;
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use super::field::{Field, Neighborhood, ramp};
 

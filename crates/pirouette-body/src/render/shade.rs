@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use glam::{DVec2, DVec3};
 use pirouette_geom::Grid;
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use super::SilhouetteMesh;
 use super::depth::{DepthBuffer, NearestSurface, Seen, drawn_triangles, see_all};

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
+use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask};
-use rayon::prelude::*;
 
 use super::canvas::{Color, Crop, mix, paste, shrink, shrink_rows, sized_box, tint_box};
 use super::font::Lettering;

@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use glam::DVec3;
+use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Mask, TriMesh};
-use rayon::prelude::*;
 
 use crate::report::{
     ContactView, OverlayInput, ResidualView, SeenBody, contact_sheet, count_color, overlay,

@@ -3,8 +3,8 @@
 use glam::DVec2;
 use pirouette_geom::contour::trace_windowed;
 use pirouette_geom::distance_map::{bilinear, signed_distance_within};
+use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask, Windowed};
-use rayon::prelude::*;
 
 use super::canvas::{Color, Crop, PixelBox, Tint, mix, paste, shrink, sized_box, stroke};
 use super::font::Lettering;

@@ -66,7 +66,7 @@ pub fn tape_sheet(body: &TriMesh, mesh: &SilhouetteMesh, measurements: &Measurem
         }
         tile
     };
-    let (front, side) = rayon::join(|| from(0.0), || from(90.0));
+    let (front, side) = pirouette_geom::parallel::join(|| from(0.0), || from(90.0));
     let mut lettering = Lettering::new(TEXT_PX);
     let tiles = [
         (LABEL_WIDTH_PX, front, "Front"),
@@ -250,7 +250,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use pirouette::measure::{MeasureInput, measure};
+    use pirouette::measure::{BodySource, MeasureInput, measure};
     use pirouette::scan::{StatureFrom, Subject};
     use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
@@ -260,7 +260,7 @@ mod tests {
         let all = measure(&MeasureInput {
             body: &avatar.mesh,
             avatar: &avatar,
-            fitted: true,
+            source: BodySource::Fitted,
             views: &[],
             stature_mm: Some(1700.0),
             stature_from: StatureFrom::Stated,
@@ -329,7 +329,7 @@ mod tests {
         let all = measure(&MeasureInput {
             body: &TriMesh::default(),
             avatar: &avatar,
-            fitted: true,
+            source: BodySource::Fitted,
             views: &[],
             stature_mm: None,
             stature_from: StatureFrom::Stated,

@@ -11,7 +11,7 @@ use std::cmp::Ordering;
 use std::fmt;
 use std::path::Path;
 
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use crate::formats::manifest;
 use crate::formats::manifest::{Manifest, ManifestView};
@@ -83,11 +83,6 @@ pub struct LoadedScan {
 }
 
 impl LoadedScan {
-    /// Returns the number of given views, including unusable ones
-    pub fn given_view_count(&self) -> usize {
-        self.scan.views.len() + self.failed.len()
-    }
-
     /// Reads the photo of a view again at its original size; `None` if the file is missing or was changed
     pub fn full_size_photo(&self, view: usize) -> Option<Photo> {
         let (file, view) = (self.files.get(view)?, self.scan.views.get(view)?);
@@ -212,6 +207,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
             subject: manifest.subject,
             camera,
             views,
+            unusable_view_count: failed.len(),
         },
         failed,
         warnings,

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use pirouette_geom::Windowed;
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use super::occluding_contour::ContourMesh;
 use super::outline::{EdgePoint, PointIndex, SPACING, trace};

@@ -6,6 +6,11 @@
 //!
 //! The common pose of trunk, head and legs in all views is the person's posture and is transferred to the surface; arms
 //! are brought to the reference pose. Hollows that no outline shows are those of the avatar.
+//!
+//! # Source
+//! Gall et al., "Motion Capture Using Joint Skeleton Tracking and Surface Estimation", CVPR 2009, for the alternation of
+//! poses and surface on contour correspondences; Geman and McClure, "Statistical Methods for Tomographic Image
+//! Reconstruction", Bull. ISI 52, 1987, for the robust weights. Here, one surface is shared by all views.
 
 mod matches;
 mod occluding_contour;
@@ -19,7 +24,7 @@ mod targets;
 use glam::{DVec2, DVec3};
 use pirouette_geom::Windowed;
 use pirouette_geom::coarsen::Blend;
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use crate::skeleton_fit::keypoint_sigma_px;
 use matches::{Outline, match_views};
@@ -315,7 +320,7 @@ pub(crate) fn fit_outlines(
     let mut counts: Vec<usize> = options.rounds.iter().map(|r| r.coarse_count).collect();
     counts.sort_unstable_by(|a, b| b.cmp(a));
     counts.dedup();
-    let (rim, levels) = rayon::join(
+    let (rim, levels) = pirouette_geom::parallel::join(
         || ContourMesh::new(&avatar.mesh.triangles, avatar.mesh.positions.len()),
         || Surface::levels(avatar, &counts),
     );

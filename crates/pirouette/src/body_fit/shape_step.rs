@@ -1,8 +1,8 @@
 //! The surface for given poses of all views: one sparse linear least squares problem.
 
 use glam::{DMat3, DVec3};
+use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::sparse::{BlockSolver, Place};
-use rayon::prelude::*;
 
 use super::matches::{Match, Outline};
 use super::surface::Surface;

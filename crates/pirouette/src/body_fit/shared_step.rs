@@ -8,7 +8,7 @@
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 use glam::DVec3;
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use super::matches::{Match, Outline};
 use super::pose_step::{ALL, Equations, POSE, STEPS, equations};

@@ -5,7 +5,7 @@
 //! there the avatar shows which points belong to the body.
 
 use glam::DVec3;
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use super::{CarveError, CarveView, HullField, ViewSet};
 use pirouette_body::Avatar;

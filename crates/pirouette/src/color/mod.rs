@@ -6,10 +6,14 @@
 //! appears where views change. Vertices that no view sees are filled smoothly from their neighborhood.
 //!
 //! The lighting of the room is not removed from the colors. Details finer than the mesh are lost.
+//!
+//! # Source
+//! Bernardini, Martin and Rushmeier, "High-Quality Texture Reconstruction from Multiple Scans", TVCG 7(4), 2001, for
+//! weights by viewing angle and distance to borders.
 
 use glam::{DVec2, DVec3};
+use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask, TriMesh};
-use rayon::prelude::*;
 
 use crate::scan::Photo;
 use pirouette_body::TurnAngle;

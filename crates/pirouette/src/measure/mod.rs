@@ -20,7 +20,7 @@ mod tape;
 mod value;
 
 use pirouette_geom::TriMesh;
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use crate::scan::{StatureFrom, Subject};
 use figure::Figure;
@@ -49,6 +49,15 @@ pub struct MeasureView<'a> {
     pub pose: Pose,
 }
 
+/// Source of a measured body
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BodySource {
+    /// The fitted body, which is the avatar, too
+    Fitted,
+    /// The visual hull of the silhouettes, beside an avatar with the person's bone lengths
+    Hull,
+}
+
 /// The input of a measurement, all in the world frame, mm
 #[derive(Debug, Clone, Copy)]
 pub struct MeasureInput<'a> {
@@ -56,8 +65,8 @@ pub struct MeasureInput<'a> {
     pub body: &'a TriMesh,
     /// The fitted body, or an avatar with the person's bone lengths, in the reference pose
     pub avatar: &'a Avatar,
-    /// Whether the avatar is the person's own body
-    pub fitted: bool,
+    /// Source of the body
+    pub source: BodySource,
     /// Silhouettes of the person
     pub views: &'a [MeasureView<'a>],
     /// Height of the person, if known; without it, results are in units of the stature
@@ -87,7 +96,7 @@ pub fn measure(input: &MeasureInput) -> Measurements {
         let views = input.views.par_iter().filter(|v| !v.outline.is_empty());
         views.map(|view| see(avatar, &edges, view)).collect()
     };
-    let (views, figure) = rayon::join(see_views, || Figure::new(avatar));
+    let (views, figure) = pirouette_geom::parallel::join(see_views, || Figure::new(avatar));
     let scale_sd = lengths::scale_sd(input);
     let values = Measure::ALL.into_par_iter().map(|measure| {
         let measured = match measure {

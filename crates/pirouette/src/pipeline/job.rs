@@ -1,18 +1,18 @@
 //! A running job: passes the results of each stage to the next ones.
 
 use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
+use web_time::Instant;
 
 use pirouette_body::{Avatar, Pose, Sex};
 use pirouette_geom::Mask;
 use pirouette_geom::outline_map::OutlineMap;
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use crate::body_fit::{BodyFitPrior, CameraSpread, Outlines, fit_outlines};
 use crate::carve::{CarveOptions, carve, carve_beside_avatar};
 use crate::color::{ColorOptions, ColorView, color_surface};
 use crate::initial_body::{choose_start, fit_views};
-use crate::measure::{MeasureInput, measure};
+use crate::measure::{BodySource, MeasureInput, measure};
 use crate::normalize::{NormalizeError, NormalizedView};
 use crate::pipeline::stages::{
     Normalizer, carve_views, make_avatar, measure_views, normalized_outlines,
@@ -112,8 +112,7 @@ impl<'a> Job<'a> {
 
     pub(super) fn check_left(&self, left: usize) -> Result<(), PipelineError> {
         let usual = self.config.goal.min_view_count();
-        let given = self.config.given_view_count;
-        let given = given.unwrap_or(self.scan.views.len());
+        let given = self.scan.given_view_count();
         let needed = match self.config.method {
             Method::Fit => usual.min(given.max(MIN_FIT_VIEWS)),
             Method::ThreeStep => usual,
@@ -413,16 +412,20 @@ impl<'a> Job<'a> {
         let (Some(body), Some(avatar)) = (&report.body, report.person()) else {
             return Ok(());
         };
-        let (views, fitted) = (&report.views[..], report.fit.is_some());
+        let views = &report.views[..];
+        let source = match report.fit {
+            Some(_) => BodySource::Fitted,
+            None => BodySource::Hull,
+        };
         let found = self.stage(Stage::Measure, 1, |_| {
-            let outlines = match fitted {
-                true => photographed_outlines(views),
-                false => normalized,
+            let outlines = match source {
+                BodySource::Fitted => photographed_outlines(views),
+                BodySource::Hull => normalized,
             };
             measure(&MeasureInput {
                 body,
                 avatar,
-                fitted,
+                source,
                 views: &measure_views(views, &outlines),
                 stature_mm: scan.stature_mm,
                 stature_from: scan.stature_from,

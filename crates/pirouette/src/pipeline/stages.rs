@@ -5,8 +5,8 @@ use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::render::SilhouetteMesh;
 use pirouette_body::{Avatar, Pose};
 use pirouette_geom::outline_map::OutlineMap;
+use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Mask, TriMesh};
-use rayon::prelude::*;
 
 use crate::body_fit::{ContourMesh, OutlineTargets};
 use crate::carve::CarveView;

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 use glam::{DMat2, DVec2};
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 use thiserror::Error;
 
 use super::edges::{EdgePoint, edge_points};
@@ -37,6 +37,7 @@ pub struct Card {
 /// Why no card was found in a photo
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum CardError {
     #[error("no person in the photo, so the search region for the card is unknown")]
     NoPerson,

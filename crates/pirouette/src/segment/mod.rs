@@ -10,13 +10,13 @@ mod prior;
 #[cfg(test)]
 mod tests;
 
+use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask, Windowed};
 use pirouette_segment::border::{clean_mask, clean_soft_mask, soft_border};
 use pirouette_segment::clean_plate::CleanPlateOptions;
 use pirouette_segment::grabcut::{GrabCutError, GrabCutOptions, grabcut};
 use pirouette_segment::scene::{SceneOptions, SceneView, segment_scene};
 use pirouette_segment::seeds::{LogOdds, Seed};
-use rayon::prelude::*;
 
 use crate::scan::Photo;
 use bones::SeedLines;
@@ -88,6 +88,7 @@ pub struct Silhouette {
 
 /// Why a view has no silhouette
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SegmentError {
     /// Too few joints to locate the person
     #[error(

@@ -6,7 +6,7 @@ use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
 use faer::{Accum, Mat, Par, Side};
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use super::model::{Normal, POSE_COUNT, Problem, Shared, Unknowns, ViewData};
 use super::scales::ScaledFrame;

@@ -1,6 +1,6 @@
 //! Detection of left and right swapped by the detector, by the gain in likelihood.
 
-use rayon::prelude::*;
+use pirouette_geom::parallel::prelude::*;
 
 use super::model::{POSE_COUNT, Problem, Shared, Unknowns, ViewData};
 use super::solve::{ROBUST_WIDTH, solve_view};
