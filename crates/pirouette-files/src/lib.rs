@@ -18,3 +18,8 @@ pub mod source;
 mod warning;
 
 pub use warning::Warning;
+
+/// Compiles the code in the README
+#[cfg(all(doctest, feature = "folders"))]
+#[doc = include_str!("../../../README.md")]
+struct Readme;

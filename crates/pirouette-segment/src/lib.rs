@@ -6,7 +6,6 @@
 //!
 //! Guarantees: definite seeds are never changed, equal input gives equal masks on every machine, any colors and seeds
 //! give a mask or a typed error. Does not detect persons, and does not shrink large photos.
-//! photos.
 
 pub mod band;
 pub mod border;
