@@ -10,7 +10,7 @@ use std::time::Duration;
 use criterion::{Criterion, criterion_group, criterion_main};
 use pirouette::body_fit::{BodyFitOptions, BodyFitPrior, BodyFitView, fit_body};
 use pirouette::carve::{CarveOptions, carve_beside_avatar};
-use pirouette::measure::{MeasureInput, MeasureView, measure};
+use pirouette::measure::{BodySource, MeasureInput, MeasureView, measure};
 use pirouette::normalize::refine::{RefineOptions, refine};
 use pirouette::normalize::register::{ReferenceContourMap, RegisterOptions, register};
 use pirouette::normalize::{NormalizeOptions, normalize};
@@ -147,7 +147,7 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
     let input = MeasureInput {
         body: &fitted.avatar.mesh,
         avatar: &fitted.avatar,
-        fitted: true,
+        source: BodySource::Fitted,
         views: &views,
         stature_mm: scan.stature_mm,
         stature_from: StatureFrom::Stated,

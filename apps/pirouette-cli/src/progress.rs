@@ -44,12 +44,11 @@ impl Progress {
                 bar.set_position(0);
             }
             (Progress::Bar(bar), Event::StepDone { .. }) => bar.inc(1),
-            (Progress::Bar(_), Event::StageDone { .. }) => {}
             (Progress::Lines, Event::StageDone { stage, seconds }) => {
                 eprintln!("{}: {seconds:.2} s", stage.name());
             }
-            (Progress::Lines, Event::StageStarted { .. } | Event::StepDone { .. }) => {}
             (_, Event::Warning(warning)) => self.print_line(&format!("warning: {warning}")),
+            _ => {}
         }
     }
 

@@ -132,7 +132,7 @@ pub fn json_line(done: &FinishedJob, out: &Path, charts: &[Chart]) -> Value {
 
 /// Formats the measurements as text
 fn summary(done: &FinishedJob, out: &Path, charts: &[Chart]) -> String {
-    let given = done.loaded.given_view_count();
+    let given = done.loaded.scan.given_view_count();
     let mut text = format!(
         "{}: {} of {given} views",
         out.display(),

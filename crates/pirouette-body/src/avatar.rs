@@ -137,6 +137,7 @@ const FLOOR_SLACK: f64 = 0.003;
 /// A defect of an avatar
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum AvatarDefect {
     #[error("{weights} skinning weights for {vertices} vertices")]
     Weights { weights: usize, vertices: usize },

@@ -16,6 +16,7 @@ use thiserror::Error;
 
 /// Why a file could not be written; an existing file is unchanged
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum WriteError {
     /// The folder cannot be created
     #[error("cannot create the folder {}: {source}{}", folder.display(), remedy(source))]

@@ -7,6 +7,7 @@ use crate::scan_folder::ScanWarning;
 
 /// A problem that does not prevent a result
 #[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
 pub enum Warning {
     /// From loading the scan
     #[error("{0}")]

@@ -138,7 +138,7 @@ fn a_job_reports_excluded_views_and_the_source_of_the_scale() {
         },
     )
     .unwrap();
-    assert_eq!(done.loaded.given_view_count(), 3);
+    assert_eq!(done.loaded.scan.given_view_count(), 3);
     assert_eq!(events[..2], ["no card", "loaded"]);
     assert!(events[2].starts_with("view 001 is rejected (load): 001.jpg"));
     assert_eq!(events.len(), 3);

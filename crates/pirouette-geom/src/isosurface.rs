@@ -1,12 +1,15 @@
 //! Surface extraction from a scalar field on an adaptive grid.
 //!
 //! The field is negative inside and positive outside. Coarse blocks of cells are refined only where the surface can
-//! be, according to a bound on the slope of the field; the finest cells are cut by marching cubes (Lorensen and
-//! Cline 1987) with cases that depend only on data shared by neighboring cells.
+//! be, according to a bound on the slope of the field; the finest cells are cut by marching cubes with cases that
+//! depend only on data shared by neighboring cells.
 //!
 //! For any field, the mesh is closed, manifold in edges and vertices, and oriented outward: the surface is followed
 //! into every cell that it enters, even where the bound is wrong. A wrong bound can only lose separate pieces.
 //! Features thinner than a cell, and separate pieces within two cells, can be lost; sharp edges are chamfered.
+//!
+//! # Source
+//! Lorensen and Cline, "Marching Cubes: A High Resolution 3D Surface Construction Algorithm", SIGGRAPH 1987.
 
 mod crossing;
 mod cube_cases;
@@ -50,6 +53,7 @@ pub struct SurfaceOptions {
 
 /// Error of a grid that cannot be created
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SurfaceError {
     /// The cell size is not a positive number
     #[error("the cell size must be positive and finite, not {cell_size}")]

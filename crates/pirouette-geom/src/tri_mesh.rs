@@ -19,6 +19,7 @@ pub struct TriMesh {
 
 /// Reason why a mesh is not the closed, manifold, outward oriented surface of a solid
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MeshDefect {
     /// The mesh has no triangles
     #[error("the mesh has no triangles")]

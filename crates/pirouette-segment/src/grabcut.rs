@@ -48,6 +48,7 @@ impl Default for GrabCutOptions {
 
 /// Error of [`grabcut`] or of one view of a scene
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum GrabCutError {
     /// The seeds or the prior differ from the photo in size
     #[error("{what} of {found_width}x{found_height} px for a photo of {width}x{height} px")]

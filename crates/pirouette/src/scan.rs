@@ -25,8 +25,17 @@ pub struct Scan {
     pub subject: Subject,
     /// Known camera parameters
     pub camera: CameraSetup,
-    /// The views, in the order of the manifest or of the file names
+    /// The usable views, in the order of the manifest or of the file names
     pub views: Vec<View>,
+    /// Number of given views that cannot be used, and are not in `views`
+    pub unusable_view_count: usize,
+}
+
+impl Scan {
+    /// Returns the number of given views, including unusable ones
+    pub fn given_view_count(&self) -> usize {
+        self.views.len() + self.unusable_view_count
+    }
 }
 
 /// Source of the person's height, which sets the scale of all lengths

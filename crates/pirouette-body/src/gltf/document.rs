@@ -135,6 +135,7 @@ struct Buffer {
 /// A defect of an accessor
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum AccessorDefect {
     #[error("it does not exist")]
     Missing,

@@ -41,6 +41,7 @@ const SPINE_BLEND_MM: f64 = 80.0;
 
 /// Why a file cannot be used as an avatar
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum LoadAvatarError {
     /// Neither GLB nor JSON, or JSON that is not glTF
     #[error("not a glTF file")]

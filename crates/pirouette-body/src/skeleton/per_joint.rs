@@ -216,9 +216,7 @@ mod tests {
             bones[bone] = 1;
             prop_assert_eq!(bones.as_slice()[place], 1);
             prop_assert!(bones.pairs().all(|(b, &v)| b == bone || v == values[b as usize]));
-            for value in &mut bones {
-                *value = 2;
-            }
+            (&mut bones).into_iter().for_each(|value| *value = 2);
             prop_assert_eq!(bones, PerBone::splat(2));
             for (b, value) in bones.pairs_mut() {
                 *value = values[b as usize];

@@ -11,6 +11,7 @@ const CHARTS: &str = include_str!("../../assets/size_charts.toml");
 /// Why a chart cannot be used
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum ChartError {
     #[error("not a size chart: {0}")]
     Toml(#[from] toml::de::Error),

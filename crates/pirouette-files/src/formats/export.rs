@@ -258,7 +258,7 @@ fn seamly(measurements: &Measurements) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pirouette::measure::{MeasureInput, measure};
+    use pirouette::measure::{BodySource, MeasureInput, measure};
     use pirouette::scan::{StatureFrom, Subject};
     use pirouette_body::Sex;
     use pirouette_body::mannequin::{MannequinParameters, mannequin};
@@ -276,7 +276,7 @@ mod tests {
         measure(&MeasureInput {
             body: &avatar.mesh,
             avatar: &avatar,
-            fitted: true,
+            source: BodySource::Fitted,
             views: &[],
             stature_mm,
             stature_from: StatureFrom::Stated,

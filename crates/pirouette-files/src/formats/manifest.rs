@@ -58,6 +58,7 @@ pub struct ManifestView {
 /// Why a manifest cannot be used
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum ManifestError {
     #[error("{0}")]
     Json(serde_json::Error),

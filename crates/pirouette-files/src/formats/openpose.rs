@@ -37,6 +37,7 @@ pub struct Detection {
 /// Why a keypoint file cannot be used
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum KeypointsError {
     #[error("the keypoints are not OpenPose JSON: {0}")]
     Syntax(serde_json::Error),

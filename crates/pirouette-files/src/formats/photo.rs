@@ -46,6 +46,7 @@ pub struct DecodedPhoto {
 /// Why a photo or mask cannot be used
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum PhotoError {
     #[error("the file is empty; copy it again")]
     Empty,

@@ -6,6 +6,7 @@ use thiserror::Error;
 /// Why bytes are not a list of points
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum PointsError {
     #[error("the file is not UTF-8 text")]
     NotText,

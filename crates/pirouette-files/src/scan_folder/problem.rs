@@ -13,6 +13,7 @@ use crate::source::SourceError;
 /// Why a scan cannot be loaded
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum ScanError {
     #[error("{}: {source}", path.display())]
     Source { path: PathBuf, source: SourceError },
@@ -47,6 +48,7 @@ impl ScanError {
 /// Why one view cannot be used
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum ViewError {
     #[error("cannot read {file}: {source}")]
     Read { file: String, source: io::Error },
@@ -93,6 +95,7 @@ pub enum ViewError {
 /// An automatic correction while loading
 #[derive(Debug, Clone, PartialEq, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum ScanWarning {
     #[error(
         "{people_count} people in the keypoint file; used the most confident one near the middle of the photo"

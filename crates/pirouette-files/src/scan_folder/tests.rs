@@ -283,6 +283,7 @@ fn a_written_scan_reads_back_unchanged() {
             ..CameraSetup::default()
         },
         views: vec![view],
+        unusable_view_count: 0,
     };
     let folder = TestFolder::new();
     write_scan(folder.0.path(), &scan).unwrap();

@@ -21,6 +21,7 @@ const JPEG_QUALITY: u8 = 92;
 
 /// Why a scan could not be written
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum WriteScanError {
     /// Writing fails
     #[error(transparent)]

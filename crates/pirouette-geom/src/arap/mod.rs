@@ -87,6 +87,7 @@ pub enum ArapWeights {
 
 /// Why a mesh cannot be deformed
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ArapError {
     /// A triangle or constraint refers to a vertex that does not exist
     #[error("vertex {vertex} does not exist: the mesh has {vertex_count}")]

@@ -75,6 +75,7 @@ pub struct PlanarTriangulation {
 
 /// Error of contours that cannot be triangulated
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum TriangulateError {
     /// A coordinate is NaN, infinite or too large
     #[error(

@@ -6,6 +6,10 @@
 //!
 //! The surface is extracted at the zero level of the largest signed distance to the silhouettes' outlines, in mm at the
 //! depth of the point; outlines are accurate to fractions of a pixel.
+//!
+//! # Source
+//! Laurentini, "The Visual Hull Concept for Silhouette-Based Image Understanding", PAMI 16(2), 1994, for the hull and
+//! its limits.
 
 mod phantom;
 mod projected_view;
@@ -56,6 +60,7 @@ impl Default for CarveOptions {
 
 /// Why carving failed
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CarveError {
     /// Too few nonempty silhouettes
     #[error("{usable} of {given} silhouettes show a person; carving needs at least 2")]

@@ -9,7 +9,7 @@ use pirouette_geom::section::{plane_section, tape_length};
 use super::figure::{Figure, moves_with_arms};
 use super::support::{FittedGirth, SeenView, find_lines, fit_girth};
 use super::tape::Tape;
-use super::{Estimate, Girth, Measure, MeasureInput, Measured, Method, Unavailable};
+use super::{BodySource, Estimate, Girth, Measure, MeasureInput, Measured, Method, Unavailable};
 use pirouette_body::ReferencePose;
 
 /// Largest standard deviation of a usable girth by support lines, as a share of the girth
@@ -169,18 +169,19 @@ fn tape_at(input: &MeasureInput, tape: &Tape, girth: Girth, views: &[SeenView]) 
     let place_mm = lifted_mm.hypot(tape.girth_slope() * level_sd_mm(girth));
     let lines = fitted.map(|f| Estimate {
         value_mm: f.girth_mm,
-        sd_mm: match input.fitted {
-            true => (LINES_SD_SHARE * f.sd_mm).hypot(lines_sd * f.girth_mm),
-            false => f.sd_mm.hypot(lines_sd * f.girth_mm),
+        sd_mm: match input.source {
+            BodySource::Fitted => (LINES_SD_SHARE * f.sd_mm).hypot(lines_sd * f.girth_mm),
+            BodySource::Hull => f.sd_mm.hypot(lines_sd * f.girth_mm),
         }
         .hypot(place_mm),
     });
-    let (body, body_method) = if input.fitted {
-        let value_mm = tape.girth();
-        let sd_mm = place_mm.hypot(body_sd * value_mm);
-        (Some(Estimate { value_mm, sd_mm }), Method::BodyTape)
-    } else {
-        (hull_girth(input.body, tape, views), Method::HullSection)
+    let (body, body_method) = match input.source {
+        BodySource::Fitted => {
+            let value_mm = tape.girth();
+            let sd_mm = place_mm.hypot(body_sd * value_mm);
+            (Some(Estimate { value_mm, sd_mm }), Method::BodyTape)
+        }
+        BodySource::Hull => (hull_girth(input.body, tape, views), Method::HullSection),
     };
     TapeEstimates {
         lines,

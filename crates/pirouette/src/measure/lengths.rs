@@ -4,7 +4,9 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::section::{convex_hull, perimeter, plane_section};
 
 use super::figure::Figure;
-use super::{Estimate, Girth, Landmark, Measure, MeasureInput, Measured, Method, Unavailable};
+use super::{
+    BodySource, Estimate, Girth, Landmark, Measure, MeasureInput, Measured, Method, Unavailable,
+};
 use crate::scan::StatureFrom;
 use pirouette_body::Bone;
 
@@ -69,9 +71,9 @@ const UNFITTED: f64 = 2.0;
 
 /// Measures a height or a length
 pub(super) fn measure_length(input: &MeasureInput, figure: &Figure, measure: Measure) -> Measured {
-    let (method, factor) = match input.fitted {
-        true => (Method::Body, 1.0),
-        false => (Method::Avatar, UNFITTED),
+    let (method, factor) = match input.source {
+        BodySource::Fitted => (Method::Body, 1.0),
+        BodySource::Hull => (Method::Avatar, UNFITTED),
     };
     let Some(sides) = of_figure(figure, measure) else {
         return Measured::of(Err(Unavailable::NoLandmark), method);

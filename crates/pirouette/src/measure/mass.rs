@@ -1,6 +1,6 @@
 //! Volume of the body, and the mass computed from it.
 
-use super::MeasureInput;
+use super::{BodySource, MeasureInput};
 
 /// Mass over volume of a person who breathes quietly, in kg/l: tissue of 1.05 kg/l, and three liters of air
 const DENSITY_KG_PER_L: f64 = 0.99;
@@ -33,9 +33,9 @@ pub(super) fn estimate_mass(input: &MeasureInput, scale_sd: f64) -> Option<BodyM
     if input.stature_mm.is_none() || volume_l.is_nan() || volume_l <= 0.0 {
         return None;
     }
-    let own = match input.fitted {
-        true => FITTED_VOLUME_SD,
-        false => HULL_VOLUME_SD,
+    let own = match input.source {
+        BodySource::Fitted => FITTED_VOLUME_SD,
+        BodySource::Hull => HULL_VOLUME_SD,
     };
     let share = own.hypot(3.0 * scale_sd);
     let mass_kg = DENSITY_KG_PER_L * volume_l;

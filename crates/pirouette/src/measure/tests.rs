@@ -361,11 +361,11 @@ fn woman(stature_mm: f64) -> Avatar {
     mannequin(&parameters).expect("the parameters are valid")
 }
 
-fn measured(avatar: &Avatar, views: &[MeasureView], fitted: bool) -> Measurements {
+fn measured(avatar: &Avatar, views: &[MeasureView], source: BodySource) -> Measurements {
     measure(&MeasureInput {
         body: &avatar.mesh,
         avatar,
-        fitted,
+        source,
         views,
         stature_mm: Some(avatar.stature_mm()),
         stature_from: StatureFrom::Stated,
@@ -377,7 +377,7 @@ fn measured(avatar: &Avatar, views: &[MeasureView], fitted: bool) -> Measurement
 #[test]
 fn without_views_the_body_alone_is_measured() {
     let avatar = woman(1640.0);
-    let all = measured(&avatar, &[], true);
+    let all = measured(&avatar, &[], BodySource::Fitted);
     for (measure, true_mm) in measure_figure(&avatar) {
         let found = all.get(measure);
         let value_mm = found.value_mm.expect("the body has it");
@@ -388,7 +388,7 @@ fn without_views_the_body_alone_is_measured() {
     assert_eq!(all.get(Measure::WaistGirth).method, Method::BodyTape);
     // An avatar that is not the person: the section of the hull, here of the avatar itself, less the excess of carving
     // from the minimum that can be carved from, two directions.
-    let waist = measured(&avatar, &[], false);
+    let waist = measured(&avatar, &[], BodySource::Hull);
     let waist = waist.get(Measure::WaistGirth);
     assert_eq!(waist.method, Method::HullSection);
     let expected = all.value_mm(Measure::WaistGirth).unwrap() * std::f64::consts::PI / 4.0;
@@ -425,7 +425,7 @@ fn outlines_and_body_are_combined_and_inconsistency_is_reported() {
                     pose: Pose::default(),
                 })
                 .collect();
-            let all = measured(&avatar, &views, true);
+            let all = measured(&avatar, &views, BodySource::Fitted);
             [Measure::WaistGirth, Measure::HipGirth]
                 .map(|m| *all.get(m))
                 .to_vec()
@@ -499,7 +499,7 @@ fn unavailable_measures_carry_the_reason() {
     let all = measure(&MeasureInput {
         body: &TriMesh::default(),
         avatar: &avatar,
-        fitted: false,
+        source: BodySource::Hull,
         views: &[view],
         stature_mm: None,
         stature_from: StatureFrom::Stated,
@@ -519,14 +519,14 @@ fn without_a_scale_lengths_are_in_units_of_the_stature() {
     let input = MeasureInput {
         body: &avatar.mesh,
         avatar: &avatar,
-        fitted: true,
+        source: BodySource::Fitted,
         views: &[],
         stature_mm: None,
         stature_from: StatureFrom::Stated,
         subject: Subject::default(),
         given_masks: 1.0,
     };
-    let (bare, scaled) = (measure(&input), measured(&avatar, &[], true));
+    let (bare, scaled) = (measure(&input), measured(&avatar, &[], BodySource::Fitted));
     let share = bare
         .value_mm(Measure::HipGirth)
         .map(|v| bare.unit().convert(v));
@@ -539,11 +539,11 @@ fn without_a_scale_lengths_are_in_units_of_the_stature() {
 #[test]
 fn statistics_apply_only_with_given_sex_and_mass_and_are_reported() {
     let avatar = woman(1640.0);
-    let plain = measured(&avatar, &[], true);
+    let plain = measured(&avatar, &[], BodySource::Fitted);
     let supported = measure(&MeasureInput {
         body: &avatar.mesh,
         avatar: &avatar,
-        fitted: true,
+        source: BodySource::Fitted,
         views: &[],
         stature_mm: Some(1640.0),
         stature_from: StatureFrom::Stated,
@@ -573,8 +573,12 @@ fn statistics_apply_only_with_given_sex_and_mass_and_are_reported() {
 #[test]
 fn the_mass_follows_from_the_volume() {
     let avatar = woman(1640.0);
-    let mass = measured(&avatar, &[], true).mass.expect("there is a body");
+    let mass = measured(&avatar, &[], BodySource::Fitted)
+        .mass
+        .expect("there is a body");
     assert!((40.0..90.0).contains(&mass.mass_kg), "{mass:?}");
-    let larger = measured(&avatar.scaled_to(1968.0), &[], true).mass.unwrap();
+    let larger = measured(&avatar.scaled_to(1968.0), &[], BodySource::Fitted)
+        .mass
+        .unwrap();
     assert!((larger.volume_l / mass.volume_l / 1.728 - 1.0).abs() < 1e-6);
 }

@@ -31,6 +31,7 @@ pub enum Method {
 
 /// Why a value is missing
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum Unavailable {
     /// The position of the tape on the avatar is undetermined
     #[error("the avatar has no section for this tape")]

@@ -116,6 +116,7 @@ impl Default for DeformOptions {
 
 /// Why a silhouette cannot be deformed
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum DeformError {
     /// The silhouette has no pixels inside
     #[error("the silhouette is empty")]

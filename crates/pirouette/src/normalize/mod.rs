@@ -160,6 +160,7 @@ impl NormalizeOptions {
 
 /// Why a view cannot be normalized
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum NormalizeError {
     /// A raster differs from the mask in size
     #[error(
@@ -193,6 +194,7 @@ pub enum NormalizeError {
 
 /// A step that was only partially possible
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum NormalizeWarning {
     /// No known joint lies inside the silhouette, so the pose of the photo is unchanged
     #[error("no joint lies inside the silhouette: its pose is unchanged")]

@@ -7,6 +7,7 @@ use crate::pipeline::Warning;
 
 /// Stages of a job, in the order in which they run
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum Stage {
     /// Reads photos and keypoints
     Load,
@@ -28,10 +29,6 @@ pub enum Stage {
     Carve,
     /// Measures the body
     Measure,
-    /// Draws overlays and the contact sheet
-    Pictures,
-    /// Writes the results
-    Write,
 }
 
 impl Stage {
@@ -48,14 +45,13 @@ impl Stage {
             Stage::Normalize => "normalize",
             Stage::Carve => "carve",
             Stage::Measure => "measure",
-            Stage::Pictures => "pictures",
-            Stage::Write => "write",
         }
     }
 }
 
 /// Progress and warnings of a running job
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub enum Event {
     /// A stage starts
     StageStarted {

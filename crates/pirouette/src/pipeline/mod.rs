@@ -99,8 +99,6 @@ pub struct Config {
     pub register: bool,
     /// Whether to refine arms and legs against the reference (eq. 5 to 7)
     pub refine: bool,
-    /// Number of given views, including those that could not be loaded; `None` for the number of views in the scan
-    pub given_view_count: Option<usize>,
     /// Whether to carve the visual hull in addition to the fitted body
     pub hull: bool,
     /// Options of the segmentation; photos of several cameras are always segmented separately
@@ -122,7 +120,6 @@ impl Config {
             },
             register: published,
             refine: published,
-            given_view_count: None,
             hull: false,
             segment: SegmentOptions::default(),
             fit: BodyFitOptions::default(),
@@ -132,6 +129,7 @@ impl Config {
 
 /// Why a job has no result
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum PipelineError {
     /// Too few usable views
     #[error(

@@ -110,6 +110,7 @@ pub struct DroppedView {
 
 /// Why a stage rejected a view
 #[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
 pub enum DropReason {
     /// The segmentation fails
     #[error("{0}")]

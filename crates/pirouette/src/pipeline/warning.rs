@@ -11,6 +11,7 @@ use pirouette_body::Joint;
 /// An automatic correction, a rejected view or an inconsistency; the job continues
 #[derive(Debug, Clone, PartialEq, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum Warning {
     #[error("view {view} is rejected ({}): {reason}", stage.name())]
     ViewDropped {

@@ -18,6 +18,7 @@ pub use card::{CARD_MM, Card, CardError, find_card};
 /// Why a scale cannot be determined
 #[derive(Debug, Error)]
 #[allow(missing_docs, reason = "the messages document the variants")]
+#[non_exhaustive]
 pub enum ScaleError {
     #[error("no skeleton fits the keypoints, so the size of the person in pixels is not known")]
     Bundle(#[from] SkeletonFitError),

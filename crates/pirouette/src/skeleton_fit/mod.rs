@@ -144,6 +144,7 @@ pub struct Outlier {
 
 /// Assumption or problem of the fit
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[non_exhaustive]
 pub enum SkeletonFitWarning {
     /// All lengths are in units of the assumed stature
     #[error(
@@ -215,6 +216,7 @@ pub enum SkeletonFitWarning {
 
 /// Error of [`fit_skeleton`]
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[non_exhaustive]
 pub enum SkeletonFitError {
     /// There are no views
     #[error("there are no views")]

@@ -150,6 +150,7 @@ impl fmt::Display for Place {
 
 /// Why bytes are not a mesh
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReadMeshError {
     /// The file contains something else than the format requires
     #[error("{place}: expected {expected}, found {found:?}")]
