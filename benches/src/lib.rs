@@ -14,10 +14,9 @@ use pirouette::segment::{SegmentOptions, SegmentView, Silhouette, segment};
 use pirouette::skeleton_fit::{
     KeypointView, Skeleton, SkeletonFitOptions, SkeletonView, fit_skeleton,
 };
-use pirouette_body::Sex;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::render::SilhouetteMesh;
-use pirouette_body::{Avatar, PerJoint};
+use pirouette_body::{Avatar, PerJoint, Sex};
 use pirouette_geom::contour::{Contour, trace_outline};
 use pirouette_geom::outline_map::OutlineMap;
 use pirouette_geom::planar_mesh::{PlanarMesh, TriangulateOptions, simplify_apart, triangulate};

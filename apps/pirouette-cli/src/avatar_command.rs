@@ -3,10 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
-use pirouette_body::Pose;
-use pirouette_body::TurnAngle;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
-use pirouette_body::{Avatar, ReferencePose, gltf, render};
+use pirouette_body::{Avatar, Pose, ReferencePose, TurnAngle, gltf, render};
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::formats::photo::{encode_mask, encode_photo_png};
 use pirouette_files::sink::write_atomic;

@@ -8,8 +8,7 @@ use std::f64::consts::FRAC_PI_4;
 use glam::{DVec2, DVec3};
 use pirouette_geom::TriMesh;
 
-use crate::SkinWeight;
-use crate::{Bone, Joint, PerBone, PerJoint};
+use crate::{Bone, Joint, PerBone, PerJoint, SkinWeight};
 
 /// Height range searched for the nose, as shares of the head's height from below
 ///

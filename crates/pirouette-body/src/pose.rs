@@ -6,8 +6,7 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-use crate::TurnAngle;
-use crate::{Bone, PerBone, PerJoint};
+use crate::{Bone, PerBone, PerJoint, TurnAngle};
 
 /// One pose of the body, relative to the reference pose
 #[derive(Debug, Clone, Copy, PartialEq)]

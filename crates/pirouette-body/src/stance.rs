@@ -2,9 +2,7 @@
 
 use glam::{DQuat, DVec3};
 
-use crate::Bone;
-use crate::TurnAngle;
-use crate::{Avatar, Pose, ReferencePose};
+use crate::{Avatar, Bone, Pose, ReferencePose, TurnAngle};
 
 /// Arms within this angle of the requested pose are left unchanged
 ///

@@ -5,9 +5,8 @@
 //! `truth/body.ply` (the body in the reference pose, mm) and `truth/truth.json` (`measurements_mm`). Scores with
 //! missing input are omitted.
 
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, PipelineError, run};
 use pirouette::scan::Scan;

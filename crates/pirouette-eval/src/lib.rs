@@ -15,9 +15,8 @@ pub mod table;
 pub mod tapes;
 mod trial;
 
-use std::sync::Mutex;
-use std::sync::PoisonError;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use pirouette::pipeline::CancelToken;
 

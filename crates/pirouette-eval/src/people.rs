@@ -8,10 +8,8 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
-use pirouette_body::Avatar;
-use pirouette_body::Bone;
-use pirouette_body::Sex;
 use pirouette_body::mannequin::{MannequinError, MannequinParameters, mannequin};
+use pirouette_body::{Avatar, Bone, Sex};
 use pirouette_synthetic::{
     Clutter, Random, SyntheticOptions, SyntheticScan, synthesize, with_posture,
 };

@@ -23,8 +23,7 @@ use crate::report::pictures::{DrawnBody, draw_contact_sheet, draw_overlay, draw_
 use crate::report::tape_sheet;
 use crate::scan_folder::LoadedScan;
 #[cfg(feature = "folders")]
-use crate::sink::make_folder;
-use crate::sink::{Sink, WriteError};
+use crate::sink::{Sink, WriteError, make_folder};
 use crate::warning::Warning;
 use pirouette::normalize::{JointPositions, LimbRefinement, Registration};
 use pirouette::pipeline::{Goal, Method, Report};
@@ -32,8 +31,7 @@ use pirouette::scan::{Photo, View};
 use pirouette::sizes::{Chart, advise_person};
 use pirouette::skeleton_fit::{BoneScale, Skeleton};
 use pirouette::view::SolvedView;
-use pirouette_body::{Bone, Joint};
-use pirouette_body::{Camera, ReferencePose};
+use pirouette_body::{Bone, Camera, Joint, ReferencePose};
 
 /// Why results could not be written
 #[derive(Debug, Error)]

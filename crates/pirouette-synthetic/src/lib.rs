@@ -18,11 +18,10 @@ use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask, TriMesh};
 
 use pirouette::scan::{CameraSetup, Photo, Scan, StatureFrom, Subject, View};
-use pirouette_body::Camera;
-use pirouette_body::TurnAngle;
-use pirouette_body::{Avatar, PerJoint, render};
-use pirouette_body::{Bone, Joint, Keypoint, Keypoints};
-use pirouette_body::{NOMINAL_STATURE_PX, Pose, PosedAvatar, PosedBones};
+use pirouette_body::{
+    Avatar, Bone, Camera, Joint, Keypoint, Keypoints, NOMINAL_STATURE_PX, PerJoint, Pose,
+    PosedAvatar, PosedBones, TurnAngle, render,
+};
 
 /// Parameters of the photography of a person
 #[derive(Debug, Clone, PartialEq)]

@@ -5,9 +5,7 @@ use pirouette_geom::Grid;
 
 use super::random::{Random, noise, rough_noise};
 use super::room::{Light, hue};
-use pirouette_body::Camera;
-use pirouette_body::{Avatar, render};
-use pirouette_body::{Bone, Joint};
+use pirouette_body::{Avatar, Bone, Camera, Joint, render};
 
 /// Colors and clothing of one person
 #[derive(Debug, Clone)]

@@ -6,10 +6,7 @@ use glam::{DQuat, DVec2, DVec3};
 use pirouette_geom::TriMesh;
 
 use super::Random;
-use pirouette_body::Avatar;
-use pirouette_body::Bone;
-use pirouette_body::TurnAngle;
-use pirouette_body::{Pose, PosedAvatar};
+use pirouette_body::{Avatar, Bone, Pose, PosedAvatar, TurnAngle};
 
 /// Standard deviation of each parameter of people who try to stand still, as a fraction of that of the prior
 const SWAY_SHARE: f64 = 0.6;

@@ -10,10 +10,8 @@ use crate::skeleton_fit::{
     KeypointView, Skeleton, SkeletonFitError, SkeletonFitOptions, fit_skeleton,
 };
 use crate::view::SolvedView;
-use pirouette_body::Avatar;
-use pirouette_body::Pose;
-use pirouette_body::Sex;
 use pirouette_body::mannequin::{MannequinError, MannequinParameters, coarse_mannequin, mannequin};
+use pirouette_body::{Avatar, Pose, Sex};
 
 /// Why there is no initial body
 #[derive(Debug)]

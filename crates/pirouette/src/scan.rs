@@ -2,10 +2,7 @@
 
 use pirouette_geom::{Grid, Mask};
 
-use pirouette_body::Keypoints;
-use pirouette_body::ReferencePose;
-use pirouette_body::Sex;
-use pirouette_body::TurnAngle;
+use pirouette_body::{Keypoints, ReferencePose, Sex, TurnAngle};
 
 /// RGB pixels as given, after applying the EXIF orientation
 pub type Photo = Grid<[u8; 3]>;

@@ -8,8 +8,7 @@ use std::process::Output;
 use std::sync::OnceLock;
 
 use pirouette_files::scan_folder::write_scan;
-use pirouette_synthetic::SyntheticScan;
-use pirouette_synthetic::people;
+use pirouette_synthetic::{SyntheticScan, people};
 use serde_json::Value;
 
 /// A temporary scan folder and a path for its results

@@ -14,10 +14,9 @@ mod surface;
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
-use crate::Bone;
-use crate::SkinWeight;
 use crate::{
-    Avatar, PerBone, PerJoint, ReferencePose, TURNING_AXIS_BEHIND_HIPS, detector_points, stance,
+    Avatar, Bone, PerBone, PerJoint, ReferencePose, SkinWeight, TURNING_AXIS_BEHIND_HIPS,
+    detector_points, stance,
 };
 use document::{Document, Node};
 use rig::{Rig, ancestors, is_optional, parents};

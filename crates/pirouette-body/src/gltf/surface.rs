@@ -7,8 +7,7 @@ use pirouette_geom::TriMesh;
 
 use super::document::{Document, Primitive};
 use super::{AllWeights, LoadAvatarError, skin_weights};
-use crate::SkinWeight;
-use crate::{Bone, PerBone};
+use crate::{Bone, PerBone, SkinWeight};
 
 /// Vertices on open borders closer than about this, in the file's unit, are merged
 ///

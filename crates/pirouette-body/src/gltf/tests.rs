@@ -477,7 +477,7 @@ fn unusable_files_are_rejected_with_the_reason() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(60))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 4))]
 
     #[test]
     fn mutated_files_load_or_fail_but_never_panic(

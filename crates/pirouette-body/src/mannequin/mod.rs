@@ -37,8 +37,7 @@ pub use self::proportions::Proportions;
 use self::shape::{Anatomy, GirthScales, LEAN_BMI, build};
 use self::surface::{Grid, Lenses, extract};
 use self::weights::skin_weight;
-use crate::Joint;
-use crate::{Avatar, PerJoint, ReferencePose, Sex};
+use crate::{Avatar, Joint, PerJoint, ReferencePose, Sex};
 
 /// Proportions and stance of a mannequin
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

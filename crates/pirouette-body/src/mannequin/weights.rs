@@ -4,8 +4,7 @@ use glam::DVec3;
 
 use super::field::{FAR, Field, Region, Sides, ramp};
 use super::frame::Frame;
-use crate::SkinWeight;
-use crate::{Bone, PerBone};
+use crate::{Bone, PerBone, SkinWeight};
 
 /// Membership of a point in a part rather than another, by its distances to both
 ///

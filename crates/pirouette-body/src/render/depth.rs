@@ -6,10 +6,7 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::Grid;
 
 use super::{MIN_DEPTH_MM, SilhouetteMesh};
-use crate::Bone;
-use crate::Camera;
-use crate::PosedBones;
-use crate::{Avatar, PerBone};
+use crate::{Avatar, Bone, Camera, PerBone, PosedBones};
 
 /// Minimum share of a bone's surface not occluded by another part for the bone to count as visible
 ///
@@ -313,10 +310,7 @@ pub fn visible_bones(avatar: &Avatar, posed: &PosedBones, camera: &Camera) -> Pe
 mod tests {
     use super::super::tests::{camera, sphere};
     use super::*;
-    use crate::PerJoint;
-    use crate::ReferencePose;
-    use crate::TurnAngle;
-    use crate::{Pose, SkinWeight, pose_bones};
+    use crate::{PerJoint, Pose, ReferencePose, SkinWeight, TurnAngle, pose_bones};
     use pirouette_geom::TriMesh;
 
     #[test]

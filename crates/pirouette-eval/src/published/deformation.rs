@@ -6,9 +6,8 @@ use pirouette::normalize::deform::{
     trace_silhouette,
 };
 use pirouette::normalize::{JointPositions, NormalizeMethod, ReferenceView};
-use pirouette_body::Joint;
-use pirouette_body::TurnAngle;
 use pirouette_body::render::SilhouetteMesh;
+use pirouette_body::{Joint, TurnAngle};
 use pirouette_geom::morphology::dilate;
 use pirouette_geom::{Grid, Mask, Windowed};
 use pirouette_synthetic::Random;

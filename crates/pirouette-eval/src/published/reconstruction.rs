@@ -6,10 +6,8 @@ use pirouette::normalize::{NormalizeMethod, NormalizeOptions, RefineOptions, Reg
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, Normalizer, Report, run as run_job};
 use pirouette::skeleton_fit::Skeleton;
 use pirouette::view::SolvedView;
-use pirouette_body::Avatar;
-use pirouette_body::TurnAngle;
 use pirouette_body::render::silhouette;
-use pirouette_body::{Bone, Pose, pose_bones};
+use pirouette_body::{Avatar, Bone, Pose, TurnAngle, pose_bones};
 use pirouette_geom::TriMesh;
 use pirouette_geom::outline_map::OutlineMap;
 use serde_json::{Value, json};

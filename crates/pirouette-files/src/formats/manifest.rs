@@ -8,8 +8,7 @@ use thiserror::Error;
 
 use crate::source::stays_inside;
 use pirouette::scan::{CameraSetup, Subject};
-use pirouette_body::ReferencePose;
-use pirouette_body::Sex;
+use pirouette_body::{ReferencePose, Sex};
 
 /// Name of the manifest in a scan folder
 pub const FILE_NAME: &str = "scan.json";

@@ -17,10 +17,8 @@ use pirouette::normalize::shared_skeleton_joints;
 use pirouette::pipeline::Report;
 use pirouette::scan::{Photo, View};
 use pirouette::view::SolvedView;
-use pirouette_body::Pose;
-use pirouette_body::TurnAngle;
-use pirouette_body::render;
 use pirouette_body::render::SilhouetteMesh;
+use pirouette_body::{Pose, TurnAngle, render};
 
 /// Scale of bodies in the contact sheet, relative to the photo: tiles are no larger
 const BODY_SCALE: f64 = 0.4;

@@ -8,9 +8,8 @@ use super::font::Lettering;
 use super::labels::{Entry, LabelBox, Legend, spread, title, title_width};
 use pirouette::measure::{Girth, Measure, Measurements};
 use pirouette::scan::Photo;
-use pirouette_body::Camera;
-use pirouette_body::TurnAngle;
 use pirouette_body::render::{SilhouetteMesh, shade};
+use pirouette_body::{Camera, TurnAngle};
 
 /// Columns and rows of each of the two pictures
 const TILE_PX: (usize, usize) = (700, 1000);

@@ -6,8 +6,7 @@ use std::fs;
 use crate::formats::photo;
 use crate::source::SourceError;
 use pirouette::scan::{Photo, Subject};
-use pirouette_body::Sex;
-use pirouette_body::{Joint, Keypoints};
+use pirouette_body::{Joint, Keypoints, Sex};
 
 struct TestFolder(tempfile::TempDir);
 

@@ -6,9 +6,8 @@ use std::io;
 use pirouette_geom::Mask;
 
 use super::{MAX_JSON_BYTES, ViewError};
-use crate::formats::manifest;
 use crate::formats::manifest::ManifestView;
-use crate::formats::{openpose, photo};
+use crate::formats::{manifest, openpose, photo};
 use crate::source::{MAX_ENTRY_BYTES, Source};
 use pirouette::scan::Photo;
 use pirouette_body::Keypoints;

@@ -9,12 +9,9 @@ use thiserror::Error;
 
 use crate::formats::{manifest, photo};
 #[cfg(feature = "folders")]
-use crate::sink::make_folder;
-use crate::sink::{Sink, WriteError};
+use crate::sink::{Sink, WriteError, make_folder};
 use pirouette::scan::{Scan, View};
-use pirouette_body::Keypoints;
-use pirouette_body::ReferencePose;
-use pirouette_body::Sex;
+use pirouette_body::{Keypoints, ReferencePose, Sex};
 
 /// JPEG quality of written photos, typical of cameras
 const JPEG_QUALITY: u8 = 92;

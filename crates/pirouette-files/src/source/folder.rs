@@ -1,8 +1,7 @@
 //! A folder of the file system, with a check that links do not point outside it.
 
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use super::read_bounded;
 

@@ -7,8 +7,7 @@ use pirouette_geom::parallel::prelude::*;
 use super::occluding_contour::ContourMesh;
 use super::outline::{EdgePoint, PointIndex, SPACING, trace};
 use super::{Body, BodyFitView};
-use pirouette_body::{Camera, Projector};
-use pirouette_body::{Pose, pose_bones};
+use pirouette_body::{Camera, Pose, Projector, pose_bones};
 
 /// Minimum cosine of the angle between matching normals
 ///

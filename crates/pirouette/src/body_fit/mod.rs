@@ -28,12 +28,11 @@ use pirouette_geom::parallel::prelude::*;
 
 use crate::skeleton_fit::keypoint_sigma_px;
 use matches::{Outline, match_views};
-use pirouette_body::Avatar;
-use pirouette_body::Camera;
-use pirouette_body::TurnAngle;
 use pirouette_body::render::SilhouetteMesh;
-use pirouette_body::{Bone, Joint, Keypoints, PerBone, PerJoint};
-use pirouette_body::{NOMINAL_STATURE_PX, Pose, SkinWeight, pose_bones};
+use pirouette_body::{
+    Avatar, Bone, Camera, Joint, Keypoints, NOMINAL_STATURE_PX, PerBone, PerJoint, Pose,
+    SkinWeight, TurnAngle, pose_bones,
+};
 use shape_step::ShapeSolver;
 use shared_step::{Reshape, SharedStep, arm_shares, step_together};
 use surface::Surface;

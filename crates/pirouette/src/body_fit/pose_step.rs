@@ -5,9 +5,9 @@ use glam::DVec3;
 use super::matches::{Match, Outline};
 use super::shared_step::{SHARED, SharedStep, arm_shares, camera_rates};
 use super::{Body, BodyFitView};
-use pirouette_body::Camera;
-use pirouette_body::{Bone, Joint, PerBone};
-use pirouette_body::{Motion, Pose, PosedBones, SkinWeight, pose_bones};
+use pirouette_body::{
+    Bone, Camera, Joint, Motion, PerBone, Pose, PosedBones, SkinWeight, pose_bones,
+};
 
 /// Unknowns of one pose
 pub(super) const POSE: usize = Pose::PARAMETER_COUNT;

@@ -7,8 +7,7 @@ use pirouette_geom::sparse::{BlockSolver, Place};
 use super::matches::{Match, Outline};
 use super::surface::Surface;
 use super::{Body, BodyFitOptions, BodyFitView};
-use pirouette_body::Projector;
-use pirouette_body::{Pose, PosedBones, pose_bones};
+use pirouette_body::{Pose, PosedBones, Projector, pose_bones};
 
 /// Tikhonov weight of a displacement, per squared mm: keeps unobserved vertices at rest
 const SMALLNESS: f64 = 1e-4;

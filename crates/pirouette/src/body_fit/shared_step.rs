@@ -13,9 +13,7 @@ use pirouette_geom::parallel::prelude::*;
 use super::matches::{Match, Outline};
 use super::pose_step::{ALL, Equations, POSE, STEPS, equations};
 use super::{Body, BodyFitView, CameraSpread};
-use pirouette_body::Bone;
-use pirouette_body::Camera;
-use pirouette_body::{Pose, SkinWeight};
+use pirouette_body::{Bone, Camera, Pose, SkinWeight};
 
 /// Number of unknowns shared by all views
 pub(super) const SHARED: usize = 5;

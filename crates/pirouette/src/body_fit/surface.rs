@@ -3,8 +3,7 @@
 use glam::DVec3;
 use pirouette_geom::coarsen::{CoarseMesh, coarsen_levels};
 
-use pirouette_body::Avatar;
-use pirouette_body::Bone;
+use pirouette_body::{Avatar, Bone};
 
 /// Number of vertices to which the smoothness weights refer
 ///

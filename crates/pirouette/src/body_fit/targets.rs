@@ -4,10 +4,9 @@ use glam::DVec2;
 
 use super::occluding_contour::ContourMesh;
 use super::outline::{EdgePoint, PointIndex};
-use pirouette_body::Avatar;
-use pirouette_body::Camera;
-use pirouette_body::TurnAngle;
-use pirouette_body::{NOMINAL_STATURE_PX, Pose, PosedAvatar, pose_bones};
+use pirouette_body::{
+    Avatar, Camera, NOMINAL_STATURE_PX, Pose, PosedAvatar, TurnAngle, pose_bones,
+};
 
 /// Maximum distance of outline points from the occluding contour that moves them, in nominal px
 const RADIUS: f64 = 12.0;

@@ -2,10 +2,9 @@ use pirouette_geom::section::{plane_section, tape_length};
 
 use super::*;
 use crate::measure::{Measure, measure_figure};
-use pirouette_body::Sex;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::render::silhouette;
-use pirouette_body::{Keypoint, PosedAvatar};
+use pirouette_body::{Keypoint, PosedAvatar, Sex};
 use pirouette_geom::Grid;
 use pirouette_synthetic::{Random, SyntheticOptions};
 

@@ -21,9 +21,7 @@ use pirouette_geom::TriMesh;
 use pirouette_geom::isosurface::{Field, SurfaceError, SurfaceOptions, extract_surface};
 
 use phantom::PhantomField;
-use pirouette_body::Avatar;
-use pirouette_body::Camera;
-use pirouette_body::TurnAngle;
+use pirouette_body::{Avatar, Camera, TurnAngle};
 use pirouette_geom::outline_map::OutlineMap;
 use projected_view::{ProjectedView, ViewSet, nan_max};
 

@@ -388,7 +388,7 @@ fn tiny_photos_are_accepted() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(8))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 32))]
 
     #[test]
     fn turning_all_angles_turns_the_hull(by in -3.0..3.0f64, x in -200.0..200.0f64, z in -200.0..200.0f64) {

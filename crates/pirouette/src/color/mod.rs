@@ -16,11 +16,8 @@ use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask, TriMesh};
 
 use crate::scan::Photo;
-use pirouette_body::TurnAngle;
 use pirouette_body::render::SilhouetteMesh;
-use pirouette_body::{Avatar, render};
-use pirouette_body::{Camera, Projector};
-use pirouette_body::{NOMINAL_STATURE_PX, Pose};
+use pirouette_body::{Avatar, Camera, NOMINAL_STATURE_PX, Pose, Projector, TurnAngle, render};
 
 /// A view to take colors from; photo and mask have the size given by the camera
 #[derive(Debug, Clone, Copy)]

@@ -3,9 +3,8 @@
 use glam::DVec3;
 
 use super::landmarks::{find_sections, with_lowered_arms};
-use super::lengths;
 use super::tape::Tape;
-use super::{Girth, Landmark, Measure};
+use super::{Girth, Landmark, Measure, lengths};
 use pirouette_body::Avatar;
 
 /// An avatar with its tapes and landmarks

@@ -7,12 +7,8 @@ use proptest::prelude::*;
 use super::support::{find_lines, fit_girth};
 use super::tape::Tape;
 use super::*;
-use pirouette_body::ReferencePose;
-use pirouette_body::Sex;
-use pirouette_body::SkinWeight;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
-use pirouette_body::render;
-use pirouette_body::{Bone, PerBone, PerJoint};
+use pirouette_body::{Bone, PerBone, PerJoint, ReferencePose, Sex, SkinWeight, render};
 
 /// Segments around a cylinder
 const AROUND: u32 = 180;
@@ -201,7 +197,7 @@ fn shifted(silhouette: &Grid<f32>, by: isize) -> Grid<f32> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(8))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 32))]
 
     #[test]
     fn an_elliptic_cylinder_has_its_girth(

@@ -6,11 +6,7 @@
 use glam::{DVec2, DVec3};
 
 use super::JointPositions;
-use pirouette_body::Avatar;
-use pirouette_body::Camera;
-use pirouette_body::TurnAngle;
-use pirouette_body::{Joint, Keypoints, PerJoint};
-use pirouette_body::{Pose, pose_bones};
+use pirouette_body::{Avatar, Camera, Joint, Keypoints, PerJoint, Pose, TurnAngle, pose_bones};
 
 /// Bones of the reference view shorter than this share of its trunk (neck to mid hip) are foreshortened: their
 /// direction is unreliable

@@ -24,12 +24,8 @@ use pirouette_geom::contour::Contour;
 use pirouette_geom::{Grid, Mask, Windowed};
 
 use crate::body_fit::OutlineTargets;
-use pirouette_body::Avatar;
-use pirouette_body::Camera;
-use pirouette_body::TurnAngle;
 use pirouette_body::render::{SilhouetteMesh, visible_bones};
-use pirouette_body::{Keypoints, PerBone, PerJoint};
-use pirouette_body::{Pose, PosedAvatar};
+use pirouette_body::{Avatar, Camera, Keypoints, PerBone, PerJoint, Pose, PosedAvatar, TurnAngle};
 
 pub use align::{SkeletonJoints, shared_skeleton_joints};
 pub use deform::{ContourSource, DeformError, DeformOptions};

@@ -25,11 +25,9 @@ use thiserror::Error;
 
 use crate::scan::{CameraSetup, View};
 use model::{Problem, Shared, Unknowns, room_joints};
-use pirouette_body::Avatar;
-use pirouette_body::Camera;
-use pirouette_body::TurnAngle;
-use pirouette_body::{Bone, Joint, Keypoints, PerJoint};
-use pirouette_body::{Pose, PosedBones, pose_bones};
+use pirouette_body::{
+    Avatar, Bone, Camera, Joint, Keypoints, PerJoint, Pose, PosedBones, TurnAngle, pose_bones,
+};
 use scales::Frame;
 use solve::{Solution, solve};
 

@@ -7,10 +7,9 @@ use faer::Mat;
 use glam::{DVec2, DVec3};
 
 use super::scales::{BoneScale, BoneScales, Frame, ScaledFrame};
-use pirouette_body::Camera;
-use pirouette_body::TurnAngle;
-use pirouette_body::{Bone, Joint, PerBone, PerJoint};
-use pirouette_body::{Motion, Pose, PosedBones, pose_bones};
+use pirouette_body::{
+    Bone, Camera, Joint, Motion, PerBone, PerJoint, Pose, PosedBones, TurnAngle, pose_bones,
+};
 
 /// Unknowns of one view
 pub(super) const POSE_COUNT: usize = Pose::PARAMETER_COUNT;

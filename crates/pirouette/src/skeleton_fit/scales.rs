@@ -6,9 +6,7 @@
 
 use glam::{DMat3, DVec3};
 
-use pirouette_body::Avatar;
-use pirouette_body::SkinWeight;
-use pirouette_body::{Bone, PerBone, PerJoint};
+use pirouette_body::{Avatar, Bone, PerBone, PerJoint, SkinWeight};
 
 /// An estimated length of the body; left and right limbs share it
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -5,8 +5,7 @@ use glam::DVec2;
 use super::model::{CameraPrior, Observed, ViewData};
 use super::{KeypointView, SkeletonFitError, SkeletonFitOptions, SkeletonFitWarning};
 use crate::scan::CameraSetup;
-use pirouette_body::Avatar;
-use pirouette_body::{Joint, Keypoint, Keypoints, NOMINAL_STATURE_PX, PerJoint};
+use pirouette_body::{Avatar, Joint, Keypoint, Keypoints, NOMINAL_STATURE_PX, PerJoint};
 
 /// Standard deviation of a confident keypoint, in px at [`NOMINAL_STATURE_PX`]
 const CONFIDENT_SIGMA_PX: f64 = 3.0;

@@ -478,7 +478,7 @@ fn mirrored_photos_give_mirrored_poses() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 20))]
 
     #[test]
     fn wild_keypoints_never_panic_and_never_give_nan(

@@ -2,9 +2,7 @@
 
 use super::model::{Problem, Shared, Unknowns};
 use super::solve::{Solution, solve};
-use pirouette_body::Bone;
-use pirouette_body::Pose;
-use pirouette_body::TurnAngle;
+use pirouette_body::{Bone, Pose, TurnAngle};
 
 /// Fraction of outlier keypoints above which other turn angles are tried
 ///

@@ -297,12 +297,9 @@ fn node_name(bone: Bone) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pirouette_body::Pose;
-    use pirouette_body::Sex;
-    use pirouette_body::TurnAngle;
     use pirouette_body::gltf::load_avatar;
     use pirouette_body::mannequin::{MannequinParameters, mannequin};
-    use pirouette_body::{Avatar, ReferencePose};
+    use pirouette_body::{Avatar, Pose, ReferencePose, Sex, TurnAngle};
 
     #[test]
     fn a_gltf_reader_reads_the_mesh_in_meters() {

@@ -18,8 +18,7 @@ use std::fmt;
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 
-use pirouette_body::SkinWeight;
-use pirouette_body::{Avatar, PerBone};
+use pirouette_body::{Avatar, PerBone, SkinWeight};
 
 pub use glb::write_glb;
 pub use obj::{read_obj, write_obj};

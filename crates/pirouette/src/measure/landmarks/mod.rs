@@ -16,9 +16,7 @@ use pirouette_geom::TriMesh;
 
 use super::{Girth, Landmark};
 use levels::{Levels, STEP, profile};
-use pirouette_body::Bone;
-use pirouette_body::{Avatar, PerBone, ReferencePose};
-use pirouette_body::{Pose, SkinWeight};
+use pirouette_body::{Avatar, Bone, PerBone, Pose, ReferencePose, SkinWeight};
 pub(super) use slice::Plane;
 use slice::Slicer;
 

@@ -148,7 +148,7 @@ fn empty_input_is_an_error_without_panic() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 5))]
     #[test]
     fn noise_with_joints_anywhere_deforms(
         bits in prop::collection::vec(prop::bool::weighted(0.62), 24 * 24),

@@ -4,9 +4,7 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::TriMesh;
 
 use super::super::*;
-use pirouette_body::ReferencePose;
-use pirouette_body::SkinWeight;
-use pirouette_body::{Keypoint, PerBone, PerJoint};
+use pirouette_body::{Keypoint, PerBone, PerJoint, ReferencePose, SkinWeight};
 
 pub(super) const STATURE_MM: f64 = 1700.0;
 
