@@ -131,7 +131,7 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
     let (fitted, fitted_views) = fit();
     let outlines: Vec<OutlineMap> = views
         .iter()
-        .map(|view| OutlineMap::new(&view.silhouette.whole(), OutlineMap::NEAR_PX))
+        .map(|view| OutlineMap::new(&view.silhouette.to_grid(), OutlineMap::NEAR_PX))
         .collect();
     let views: Vec<MeasureView> = views
         .iter()

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use pirouette::measure::{Measure, Measurements, measure_figure};
+use pirouette::measure::{Measure, Measurements, measure_avatar};
 use pirouette::pipeline::{CancelToken, Goal};
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::{Avatar, ReferencePose};
@@ -42,7 +42,7 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
     let progress = Progress::new(quiet);
     let config = config(&args.method, Goal::Measure)?;
     let person = person(args)?;
-    let truth = measure_figure(&person);
+    let truth = measure_avatar(&person);
     progress.print_line("rendering the person and the room");
     let synthetic = photograph(args, &person);
     let scan = args.out.join("scan");

@@ -345,7 +345,7 @@ fn segment_photo(
                 return silhouette.mask.iou(&truth);
             }
             // The photo was shrunk on loading.
-            let soft = resample(&silhouette.soft.whole(), truth.width(), truth.height());
+            let soft = resample(&silhouette.soft.to_grid(), truth.width(), truth.height());
             soft.threshold(0.5).iou(&truth)
         })
     }))

@@ -5,7 +5,7 @@ mod views;
 
 use std::fmt::Write;
 
-use pirouette::measure::{Estimate, Measure, measure_figure};
+use pirouette::measure::{Estimate, Measure, measure_avatar};
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, run};
 use pirouette_synthetic::Random;
 use rayon::prelude::*;
@@ -202,7 +202,7 @@ fn scan<'a>(
     match run(&synthetic.scan, config, cancel, &mut |_| {}) {
         Err(error) => scanned.error = Some(error.to_string()),
         Ok(report) => {
-            let truth = measure_figure(&person.avatar);
+            let truth = measure_avatar(&person.avatar);
             for (slot, &measure) in scanned.found.iter_mut().zip(&Measure::ALL) {
                 let measured = report.measurements.as_ref().map(|m| m.get(measure));
                 let true_mm = truth.iter().find(|(m, _)| *m == measure).map(|t| t.1);

@@ -1,6 +1,6 @@
 //! One job on one rendered person, and its score.
 
-use pirouette::measure::{Measure, measure_figure};
+use pirouette::measure::{Measure, measure_avatar};
 use pirouette::pipeline::{CancelToken, Config, Report, run};
 use pirouette_body::Bone;
 use pirouette_geom::Mask;
@@ -111,7 +111,7 @@ fn score(person: &Person, truth: &Truth, report: &Report) -> Score {
         score.parts_mm = parts(person, &error);
     }
     if let Some(measurements) = &report.measurements {
-        let true_measures = measure_figure(&person.avatar);
+        let true_measures = measure_avatar(&person.avatar);
         score.girths_pct = GIRTHS.map(|girth| {
             let (_, true_mm) = true_measures.iter().find(|(m, _)| *m == girth)?;
             Some(100.0 * (measurements.value_mm(girth)? / true_mm - 1.0))

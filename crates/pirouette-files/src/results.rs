@@ -222,7 +222,7 @@ fn write_view(
     let within = |file: &str| format!("views/{}/{file}", view.name);
     let silhouette = &found.silhouette;
     let mask = in_input_size(view, &silhouette.mask, |width, height| {
-        let mask = resample_mask(&silhouette.soft.whole(), width, height, 0.5);
+        let mask = resample_mask(&silhouette.soft.to_grid(), width, height, 0.5);
         // Masks computed from a shrunk photo are refined along the edges of the original photo.
         let found_here = silhouette.seeds.is_some();
         let photo = found_here.then(|| loaded.full_size_photo(found.id.0));

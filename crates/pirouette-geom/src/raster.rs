@@ -303,7 +303,7 @@ impl<T: Clone + Default + PartialEq> Windowed<T> {
     }
 
     /// Returns the full raster
-    pub fn whole(&self) -> Grid<T> {
+    pub fn to_grid(&self) -> Grid<T> {
         let mut whole = Grid::filled(self.size.0, self.size.1, T::default());
         let (x0, y0) = self.corner;
         for y in 0..self.window.height {
@@ -350,7 +350,7 @@ mod tests {
                 (windowed.width(), windowed.height()),
                 (whole.width(), whole.height())
             );
-            assert_eq!(windowed.whole(), whole);
+            assert_eq!(windowed.to_grid(), whole);
         }
         let windowed = Windowed::new(&Mask::from_art("...... ...... ....#. ......"));
         assert_eq!(windowed.corner(), (3, 1));

@@ -12,7 +12,7 @@ use std::error::Error;
 
 use pirouette::body::Sex;
 use pirouette::body::mannequin::{MannequinParameters, mannequin};
-use pirouette::measure::measure_figure;
+use pirouette::measure::measure_avatar;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         mass_kg: number(2)?,
         ..MannequinParameters::default()
     })?;
-    for (measure, value_mm) in measure_figure(&body) {
+    for (measure, value_mm) in measure_avatar(&body) {
         println!(
             "{value_mm:7.1} mm  {:<16}  {}",
             measure.name(),

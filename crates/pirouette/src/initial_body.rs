@@ -44,7 +44,7 @@ pub(crate) struct Start {
     /// Pose of each accepted view, in their order
     pub(crate) poses: Vec<Pose>,
     /// Sex and mass of the mannequin
-    pub(crate) figure: InitialMannequin,
+    pub(crate) mannequin: InitialMannequin,
 }
 
 /// Sex and mass of the initial mannequin of a fit
@@ -93,7 +93,7 @@ pub(crate) fn choose_start(
     stature_mm: f64,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<Start, InitialBodyError> {
-    let posed = |figure: &Avatar| pose_figure(scan, skeleton, views, figure, stature_mm);
+    let posed = |avatar: &Avatar| pose_avatar(scan, skeleton, views, avatar, stature_mm);
     let of = |sex, mass_kg| MannequinParameters {
         sex,
         mass_kg,
@@ -136,7 +136,7 @@ pub(crate) fn choose_start(
     };
     let (avatar, posture, poses) = posed(&chosen)?;
     Ok(Start {
-        figure: InitialMannequin {
+        mannequin: InitialMannequin {
             sex: parameters.sex,
             mass_kg: parameters
                 .mass_kg
@@ -154,11 +154,11 @@ pub(crate) fn choose_start(
 const KG_PER_CUBIC_MM: f64 = 1.0 / 0.972e6;
 
 /// Fits bone lengths and poses of another avatar, with fixed cameras
-fn pose_figure(
+fn pose_avatar(
     scan: &Scan,
     skeleton: &Skeleton,
     views: &[SolvedView],
-    figure: &Avatar,
+    avatar: &Avatar,
     stature_mm: f64,
 ) -> Result<(Avatar, Pose, Vec<Pose>), SkeletonFitError> {
     let bundle_views: Vec<KeypointView> = views
@@ -181,7 +181,7 @@ fn pose_figure(
         correct_turns: false,
         ..SkeletonFitOptions::default()
     };
-    let (posed, views) = fit_skeleton(figure, &bundle_views, &setup, Some(stature_mm), &options)?;
+    let (posed, views) = fit_skeleton(avatar, &bundle_views, &setup, Some(stature_mm), &options)?;
     let poses = views.iter().map(|view| view.pose).collect();
     Ok((posed.avatar, posed.posture, poses))
 }

@@ -1,7 +1,7 @@
 //! 3D reconstruction: effect of each step.
 
 use pirouette::carve::{CarveOptions, CarveView, carve};
-use pirouette::measure::{Measure, measure_figure};
+use pirouette::measure::{Measure, measure_avatar};
 use pirouette::normalize::{NormalizeMethod, NormalizeOptions, RefineOptions, RegisterOptions};
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, Normalizer, Report, run as run_job};
 use pirouette::skeleton_fit::Skeleton;
@@ -237,7 +237,7 @@ fn hull(case: Case, report: &Report) -> Option<TriMesh> {
         .filter_map(|view| {
             let soft = match &normalizer {
                 Some(normalizer) => normalizer.normalize(view).ok()?.soft(),
-                None => view.silhouette.soft.whole(),
+                None => view.silhouette.soft.to_grid(),
             };
             Some((view, OutlineMap::new(&soft, OutlineMap::FAR_PX)))
         })
@@ -266,7 +266,7 @@ fn score(person: &Person, body: Option<&TriMesh>) -> Score {
         return Score::default();
     };
     let truth = &person.avatar.mesh;
-    let true_measures = measure_figure(&person.avatar);
+    let true_measures = measure_avatar(&person.avatar);
     let true_value = |measure: Measure| {
         let mut all = true_measures.iter();
         all.find(|(m, _)| *m == measure).map(|(_, value)| *value)

@@ -20,7 +20,7 @@ const OUTLINE_STRIDE: usize = 2;
 /// Total weight of all contour vertices, as that of outline points at this spacing, in nominal px
 ///
 /// Independent of the resolution of the mesh.
-const RIM_SPACING: f64 = 12.0;
+const CONTOUR_SPACING: f64 = 12.0;
 
 /// The outline of one view, prepared for the search
 #[derive(Debug, Clone)]
@@ -81,7 +81,7 @@ pub(super) fn match_views(
         .map(|((view, outline), pose)| {
             let posed = pose_bones(&body.bone_heads, pose, view.turn);
             let positions = posed.skin(&body.positions, body.weights);
-            find_matches(body.rim, &positions, &view.camera, outline, radius)
+            find_matches(body.contour_mesh, &positions, &view.camera, outline, radius)
         })
         .collect()
 }
@@ -98,18 +98,18 @@ fn find_matches(
 ) -> Vec<Match> {
     let unit_px = outline.unit_px;
     let radius_px = radius * unit_px;
-    let rim = mesh.rim(posed, camera, unit_px);
-    let edges: Vec<EdgePoint> = rim.iter().map(|r| r.edge).collect();
+    let contour = mesh.contour(posed, camera, unit_px);
+    let edges: Vec<EdgePoint> = contour.iter().map(|r| r.edge).collect();
     let length = SPACING * outline.points.len() as f64;
-    let rim_weight = length / RIM_SPACING / rim.len().max(1) as f64;
-    let mut matches: Vec<Match> = rim
+    let contour_weight = length / CONTOUR_SPACING / contour.len().max(1) as f64;
+    let mut matches: Vec<Match> = contour
         .iter()
         .filter_map(|r| {
             let (_, target) = outline.index.nearest(r.edge, radius_px, MIN_COSINE)?;
             Some(Match {
                 vertex: r.vertex,
                 target,
-                weight: rim_weight,
+                weight: contour_weight,
             })
         })
         .collect();
@@ -122,7 +122,7 @@ fn find_matches(
             .filter_map(|&target| {
                 let (at, _) = index.nearest(target, radius_px, MIN_COSINE)?;
                 Some(Match {
-                    vertex: rim[at].vertex,
+                    vertex: contour[at].vertex,
                     target,
                     weight: 1.0,
                 })

@@ -201,7 +201,7 @@ pub struct FittedView {
 /// The surface during the fit
 #[derive(Debug, Clone)]
 struct Body<'a> {
-    rim: &'a ContourMesh,
+    contour_mesh: &'a ContourMesh,
     weights: &'a [SkinWeight],
     /// Total skinning weights of the left and of the right arm, per vertex
     arms: Vec<[f64; 2]>,
@@ -213,9 +213,9 @@ struct Body<'a> {
 }
 
 impl<'a> Body<'a> {
-    fn new(avatar: &'a Avatar, rim: &'a ContourMesh) -> Self {
+    fn new(avatar: &'a Avatar, contour_mesh: &'a ContourMesh) -> Self {
         Self {
-            rim,
+            contour_mesh,
             weights: &avatar.weights,
             arms: avatar.weights.iter().map(arm_shares).collect(),
             rest: avatar.mesh.positions.clone(),
@@ -319,11 +319,11 @@ pub(crate) fn fit_outlines(
     let mut counts: Vec<usize> = options.rounds.iter().map(|r| r.coarse_count).collect();
     counts.sort_unstable_by(|a, b| b.cmp(a));
     counts.dedup();
-    let (rim, levels) = pirouette_geom::parallel::join(
+    let (contour_mesh, levels) = pirouette_geom::parallel::join(
         || ContourMesh::new(&avatar.mesh.triangles, avatar.mesh.positions.len()),
         || Surface::levels(avatar, &counts),
     );
-    let mut body = Body::new(avatar, &rim);
+    let mut body = Body::new(avatar, &contour_mesh);
     let mut poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
     let start = views.first().map(|view| view.camera);
     let spread = if options.camera {
@@ -419,7 +419,7 @@ fn overlaps(fitted: &Avatar, views: &[BodyFitView], poses: &[Pose]) -> Vec<Optio
         .map(|(view, pose)| {
             let positions = fitted.posed(pose, view.turn).positions;
             let coverage = mesh.silhouette(&positions, &view.camera);
-            let mask = view.silhouette.whole().threshold(0.5);
+            let mask = view.silhouette.to_grid().threshold(0.5);
             Some(coverage.threshold(0.5).iou(&mask))
         })
         .collect()
@@ -437,8 +437,8 @@ pub(crate) fn rigid_residual(
     let Some(round) = BodyFitOptions::default().rounds.first().copied() else {
         return f64::INFINITY;
     };
-    let rim = ContourMesh::new(&avatar.mesh.triangles, avatar.mesh.positions.len());
-    let body = Body::new(avatar, &rim);
+    let contour_mesh = ContourMesh::new(&avatar.mesh.triangles, avatar.mesh.positions.len());
+    let body = Body::new(avatar, &contour_mesh);
     let poses: Vec<Pose> = views.iter().map(|view| view.pose).collect();
     let find = |poses: &[Pose]| match_views(&body, views, outlines, poses, round.radius);
     let matches = find(&poses);

@@ -27,7 +27,7 @@ pub struct ContourMesh {
 
 /// A vertex on the outline
 #[derive(Debug, Clone, Copy)]
-pub(super) struct RimVertex {
+pub(super) struct ContourVertex {
     pub(super) vertex: u32,
     pub(super) edge: EdgePoint,
 }
@@ -77,7 +77,12 @@ impl ContourMesh {
     /// Returns the contour vertices on the outline of the posed surface, in ascending order
     ///
     /// `posed` in the room, in mm; a nominal pixel is `unit_px` large; empty when a vertex is behind the camera.
-    pub(super) fn rim(&self, posed: &[DVec3], camera: &Camera, unit_px: f64) -> Vec<RimVertex> {
+    pub(super) fn contour(
+        &self,
+        posed: &[DVec3],
+        camera: &Camera,
+        unit_px: f64,
+    ) -> Vec<ContourVertex> {
         let projector = camera.projector();
         let mut photo: Vec<DVec2> = Vec::with_capacity(posed.len());
         for &p in posed {
@@ -117,7 +122,7 @@ impl ContourMesh {
                     normal: self.photo_normal(vertex, posed, &projector)?,
                 };
                 let outside = edge.position + edge.normal * (CLEARANCE * unit_px);
-                (strips.winding(outside) == 0).then_some(RimVertex { vertex, edge })
+                (strips.winding(outside) == 0).then_some(ContourVertex { vertex, edge })
             })
             .collect()
     }

@@ -26,10 +26,10 @@ pub struct OutlineTargets {
 impl OutlineTargets {
     /// Maps the occluding contour of a fitted body from its pose in a photo to the reference pose, turned as in it
     ///
-    /// `rim` is created from the body's mesh.
+    /// `contour_mesh` is created from the body's mesh.
     pub fn new(
         avatar: &Avatar,
-        rim: &ContourMesh,
+        contour_mesh: &ContourMesh,
         pose: &Pose,
         turn: TurnAngle,
         camera: &Camera,
@@ -42,8 +42,8 @@ impl OutlineTargets {
         let reference = pose_bones(&avatar.bone_heads, &Pose::default(), turn);
         let stature_px = camera.focal_px() * avatar.stature_mm() / camera.distance_mm;
         let unit_px = stature_px / NOMINAL_STATURE_PX;
-        let rim = rim.rim(&posed, camera, unit_px);
-        let moved = rim
+        let contour = contour_mesh.contour(&posed, camera, unit_px);
+        let moved = contour
             .iter()
             .map(|r| {
                 let v = r.vertex as usize;
@@ -56,7 +56,7 @@ impl OutlineTargets {
                 (target, turned.try_normalize().unwrap_or(DVec2::X))
             })
             .collect();
-        let edges: Vec<EdgePoint> = rim.iter().map(|r| r.edge).collect();
+        let edges: Vec<EdgePoint> = contour.iter().map(|r| r.edge).collect();
         Self {
             index: PointIndex::new(&edges, unit_px),
             radius_px: RADIUS * unit_px,
@@ -69,8 +69,8 @@ impl OutlineTargets {
     /// `normal` points out of the person. The offset from the contour is kept, rotated with the surface.
     pub fn target(&self, position: DVec2, normal: DVec2) -> Option<DVec2> {
         let point = EdgePoint { position, normal };
-        let (at, rim) = self.index.nearest(point, self.radius_px, MIN_COSINE)?;
+        let (at, contour) = self.index.nearest(point, self.radius_px, MIN_COSINE)?;
         let (target, turned) = self.moved[at];
-        Some(target + turned.rotate(position - rim.position))
+        Some(target + turned.rotate(position - contour.position))
     }
 }

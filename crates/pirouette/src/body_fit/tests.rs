@@ -1,7 +1,7 @@
 use pirouette_geom::section::{plane_section, tape_length};
 
 use super::*;
-use crate::measure::{Measure, measure_figure};
+use crate::measure::{Measure, measure_avatar};
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::render::silhouette;
 use pirouette_body::{Keypoint, PosedAvatar, Sex};
@@ -18,19 +18,19 @@ struct Seen {
 }
 
 impl Seen {
-    fn new(figure: &Avatar, turns: &[TurnAngle], poses: &[Pose]) -> Self {
-        let stature_mm = figure.stature_mm();
+    fn new(avatar: &Avatar, turns: &[TurnAngle], poses: &[Pose]) -> Self {
+        let stature_mm = avatar.stature_mm();
         let camera = SyntheticOptions::camera_for(stature_mm, 320, 400);
         let seen = turns.iter().zip(poses).map(|(&turn, pose)| {
             let PosedAvatar {
                 bones: posed,
                 positions,
-            } = figure.posed(pose, turn);
+            } = avatar.posed(pose, turn);
             let mut keypoints = Keypoints::default();
             for joint in Joint::ALL {
                 let point = match joint {
                     Joint::Neck | Joint::MidHip => continue,
-                    _ => posed.carry(joint.bone(), figure.keypoints[joint]),
+                    _ => posed.carry(joint.bone(), avatar.keypoints[joint]),
                 };
                 let keypoint = Keypoint {
                     position: camera.project(point),
@@ -39,7 +39,7 @@ impl Seen {
                 keypoints.set(joint, keypoint);
             }
             (
-                Windowed::new(&silhouette(&positions, &figure.mesh.triangles, &camera)),
+                Windowed::new(&silhouette(&positions, &avatar.mesh.triangles, &camera)),
                 keypoints,
             )
         });
@@ -53,9 +53,9 @@ impl Seen {
         }
     }
 
-    fn still(figure: &Avatar, view_count: usize) -> Self {
+    fn still(avatar: &Avatar, view_count: usize) -> Self {
         let turns = SyntheticOptions::even_turns(view_count);
-        Self::new(figure, &turns, &vec![Pose::default(); view_count])
+        Self::new(avatar, &turns, &vec![Pose::default(); view_count])
     }
 
     fn views(&self) -> Vec<BodyFitView<'_>> {
@@ -112,7 +112,7 @@ impl Found {
     }
 }
 
-fn figure(sex: Sex, mass_kg: f64) -> Avatar {
+fn avatar(sex: Sex, mass_kg: f64) -> Avatar {
     mannequin(&MannequinParameters {
         sex,
         stature_mm: Some(1700.0),
@@ -137,16 +137,16 @@ fn mean_distance(a: &Avatar, b: &Avatar) -> f64 {
 }
 
 /// Returns the level of a trunk tape of the avatar, and the tape length there
-fn true_tape(figure: &Avatar, height: Measure) -> (f64, f64) {
-    let measures = measure_figure(figure);
+fn true_tape(avatar: &Avatar, height: Measure) -> (f64, f64) {
+    let measures = measure_avatar(avatar);
     let found = measures.iter().find(|(measure, _)| *measure == height);
     let (_, level_mm) = *found.expect("the mannequin has every measure");
-    (level_mm, girth_at(figure, level_mm))
+    (level_mm, girth_at(avatar, level_mm))
 }
 
 /// Returns the tape length of the longest level section
-fn girth_at(figure: &Avatar, level_mm: f64) -> f64 {
-    plane_section(&figure.mesh, DVec3::Y * level_mm, DVec3::Y)
+fn girth_at(avatar: &Avatar, level_mm: f64) -> f64 {
+    plane_section(&avatar.mesh, DVec3::Y * level_mm, DVec3::Y)
         .iter()
         .map(|points| tape_length(points))
         .fold(0.0, f64::max)
@@ -154,7 +154,7 @@ fn girth_at(figure: &Avatar, level_mm: f64) -> f64 {
 
 #[test]
 fn a_still_mannequin_comes_back_within_a_millimeter() {
-    let truth = figure(Sex::Female, 70.0);
+    let truth = avatar(Sex::Female, 70.0);
     let fit = Seen::still(&truth, 8).fit(&truth, &quick());
     let off = mean_distance(&fit.avatar, &truth);
     assert!(off < 1.0, "{off}");
@@ -164,8 +164,8 @@ fn a_still_mannequin_comes_back_within_a_millimeter() {
 
 #[test]
 fn a_heavier_body_is_found_from_a_lighter_start() {
-    let truth = figure(Sex::Neutral, 84.0);
-    let start = figure(Sex::Neutral, 63.0);
+    let truth = avatar(Sex::Neutral, 84.0);
+    let start = avatar(Sex::Neutral, 63.0);
     let fit = Seen::still(&truth, 8).fit(&start, &quick());
     for tape in [
         Measure::BustHeight,
@@ -182,7 +182,7 @@ fn a_heavier_body_is_found_from_a_lighter_start() {
 
 #[test]
 fn sway_goes_into_the_poses_and_not_into_the_body() {
-    let truth = figure(Sex::Male, 75.0);
+    let truth = avatar(Sex::Male, 75.0);
     let turns = SyntheticOptions::even_turns(8);
     let sigmas = Pose::prior_sigmas();
     let mut random = Random::new(7);
@@ -206,13 +206,13 @@ fn sway_goes_into_the_poses_and_not_into_the_body() {
 
 #[test]
 fn other_turn_angles_of_the_same_body_give_the_same_body() {
-    let truth = figure(Sex::Female, 62.0);
+    let truth = avatar(Sex::Female, 62.0);
     let even = SyntheticOptions::even_turns(8);
     let turned: Vec<TurnAngle> = even
         .iter()
         .map(|turn| TurnAngle::from_degrees(turn.degrees() + 22.5))
         .collect();
-    let start = figure(Sex::Female, 57.0);
+    let start = avatar(Sex::Female, 57.0);
     let still = vec![Pose::default(); 8];
     let [a, b] =
         [even, turned].map(|turns| Seen::new(&truth, &turns, &still).fit(&start, &quick()));
@@ -222,7 +222,7 @@ fn other_turn_angles_of_the_same_body_give_the_same_body() {
 
 #[test]
 fn two_views_and_empty_silhouettes_still_give_a_closed_body() {
-    let truth = figure(Sex::Female, 62.0);
+    let truth = avatar(Sex::Female, 62.0);
     let turns = [0.0, 90.0].map(TurnAngle::from_degrees);
     let mut seen = Seen::new(&truth, &turns, &[Pose::default(); 2]);
     let fit = seen.fit(&truth, &quick());
@@ -247,7 +247,7 @@ fn two_views_and_empty_silhouettes_still_give_a_closed_body() {
 
 #[test]
 fn a_camera_that_was_taken_for_another_is_found() {
-    let truth = figure(Sex::Female, 62.0);
+    let truth = avatar(Sex::Female, 62.0);
     let seen = Seen::still(&truth, 8);
     let mut views = seen.views();
     for view in &mut views {
@@ -284,40 +284,44 @@ fn a_camera_that_was_taken_for_another_is_found() {
 
 #[test]
 fn a_cancelled_fit_comes_back_at_once_as_it_started() {
-    let truth = figure(Sex::Female, 62.0);
+    let truth = avatar(Sex::Female, 62.0);
     let seen = Seen::still(&truth, 3);
     let (fit, _) = fit_body(&truth, &seen.views(), &seen.prior(), &quick(), &|| true);
     assert!(mean_distance(&fit.avatar, &truth) < 1e-9);
 }
 
 #[test]
-fn the_rim_of_a_figure_lies_on_its_silhouettes_outline() {
-    let truth = figure(Sex::Female, 62.0);
+fn the_contour_of_an_avatar_lies_on_its_silhouettes_outline() {
+    let truth = avatar(Sex::Female, 62.0);
     let seen = Seen::still(&truth, 3);
     for (view, turn) in seen.turns.iter().enumerate() {
         let positions = truth.posed(&Pose::default(), *turn).positions;
         let mesh = occluding_contour::ContourMesh::new(&truth.mesh.triangles, positions.len());
-        let rim = mesh.rim(&positions, &seen.camera, 1.0);
+        let contour = mesh.contour(&positions, &seen.camera, 1.0);
         let outline = outline::PointIndex::new(&outline::trace(&seen.silhouettes[view], 0.5), 1.0);
-        assert!(rim.len() > 300);
-        let near = rim
+        assert!(contour.len() > 300);
+        let near = contour
             .iter()
             .filter(|r| outline.nearest(r.edge, 1.0, 0.3).is_some())
             .count();
-        assert!(near * 100 > 95 * rim.len(), "{near} of {}", rim.len());
+        assert!(
+            near * 100 > 95 * contour.len(),
+            "{near} of {}",
+            contour.len()
+        );
     }
 }
 
 #[test]
 fn outline_targets_lead_from_the_photo_to_the_reference_pose() {
-    let truth = figure(Sex::Female, 62.0);
+    let truth = avatar(Sex::Female, 62.0);
     let mut pose = Pose::default();
     pose.rotations[Bone::LeftUpperArm] = DVec3::new(0.0, 0.0, 0.15);
     pose.shift_mm = DVec3::new(20.0, 0.0, 0.0);
     let turn = TurnAngle::from_degrees(0.0);
     let seen = Seen::new(&truth, &[turn], &[pose]);
-    let rim = ContourMesh::new(&truth.mesh.triangles, truth.mesh.positions.len());
-    let targets = OutlineTargets::new(&truth, &rim, &pose, turn, &seen.camera);
+    let contour_mesh = ContourMesh::new(&truth.mesh.triangles, truth.mesh.positions.len());
+    let targets = OutlineTargets::new(&truth, &contour_mesh, &pose, turn, &seen.camera);
     let reference = Seen::new(&truth, &[turn], &[Pose::default()]);
     let outline = outline::trace(&seen.silhouettes[0], 0.5);
     let expected = outline::PointIndex::new(&outline::trace(&reference.silhouettes[0], 0.5), 1.0);

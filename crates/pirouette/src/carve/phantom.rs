@@ -200,7 +200,7 @@ mod tests {
             .collect()
     }
 
-    fn figure(mass_kg: f64) -> Avatar {
+    fn avatar(mass_kg: f64) -> Avatar {
         mannequin(&MannequinParameters {
             stature_mm: Some(1700.0),
             mass_kg: Some(mass_kg),
@@ -215,8 +215,8 @@ mod tests {
             voxel_size_mm: 12.0,
             ..CarveOptions::default()
         };
-        let average = figure(64.0);
-        for person in [&average, &figure(110.0)] {
+        let average = avatar(64.0);
+        for person in [&average, &avatar(110.0)] {
             let photographed = photographed(person);
             let views: Vec<CarveView> = photographed
                 .iter()

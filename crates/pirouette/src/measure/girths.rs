@@ -6,7 +6,7 @@ use glam::DVec3;
 use pirouette_geom::TriMesh;
 use pirouette_geom::section::{plane_section, tape_length};
 
-use super::figure::{Figure, moves_with_arms};
+use super::marked_avatar::{MarkedAvatar, moves_with_arms};
 use super::support::{FittedGirth, SeenView, find_lines, fit_girth};
 use super::tape::Tape;
 use super::{BodySource, Estimate, Girth, Measure, MeasureInput, Measured, Method, Unavailable};
@@ -47,7 +47,7 @@ impl TapeEstimates {
 /// Measures a girth, the mean of both sides where there are two
 pub(super) fn measure_girth(
     input: &MeasureInput,
-    figure: &Figure,
+    avatar: &MarkedAvatar,
     views: &[SeenView],
     measure: Measure,
 ) -> Measured {
@@ -55,7 +55,7 @@ pub(super) fn measure_girth(
         .girths()
         .iter()
         .map(|&girth| {
-            let tape = figure.tape(girth).ok_or(Unavailable::NoLandmark)?;
+            let tape = avatar.tape(girth).ok_or(Unavailable::NoLandmark)?;
             let taped = tape_at(input, tape, girth, views);
             taped.both().map(|_| taped).ok_or(Unavailable::Hidden)
         })

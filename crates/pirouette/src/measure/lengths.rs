@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 use pirouette_geom::section::{convex_hull, perimeter, plane_section};
 
-use super::figure::Figure;
+use super::marked_avatar::MarkedAvatar;
 use super::{
     BodySource, Estimate, Girth, Landmark, Measure, MeasureInput, Measured, Method, Unavailable,
 };
@@ -70,12 +70,16 @@ fn own_sd(measure: Measure) -> [f64; 2] {
 const UNFITTED: f64 = 2.0;
 
 /// Measures a height or a length
-pub(super) fn measure_length(input: &MeasureInput, figure: &Figure, measure: Measure) -> Measured {
+pub(super) fn measure_length(
+    input: &MeasureInput,
+    avatar: &MarkedAvatar,
+    measure: Measure,
+) -> Measured {
     let (method, factor) = match input.source {
         BodySource::Fitted => (Method::Body, 1.0),
         BodySource::Hull => (Method::Avatar, UNFITTED),
     };
-    let Some(sides) = of_figure(figure, measure) else {
+    let Some(sides) = of_avatar(avatar, measure) else {
         return Measured::of(Err(Unavailable::NoLandmark), method);
     };
     let of_side = |side: usize| sides.get(side).filter(|_| sides.len() == 2).copied();
@@ -90,65 +94,65 @@ pub(super) fn measure_length(input: &MeasureInput, figure: &Figure, measure: Mea
 }
 
 /// Measures a height or a length on an avatar, left and right where there are two
-pub(super) fn of_figure(figure: &Figure, measure: Measure) -> Option<Vec<f64>> {
-    let level = |girth| Some(vec![figure.tape(girth)?.center().y]);
+pub(super) fn of_avatar(avatar: &MarkedAvatar, measure: Measure) -> Option<Vec<f64>> {
+    let level = |girth| Some(vec![avatar.tape(girth)?.center().y]);
     match measure {
         Measure::BustHeight => level(Girth::Bust),
         Measure::WaistHeight => level(Girth::Waist),
         Measure::HipHeight => level(Girth::Hip),
-        Measure::CrotchHeight => Some(vec![figure.landmark(Landmark::Crotch)?.y]),
-        Measure::ShoulderWidth => shoulder_width(figure).map(|v| vec![v]),
-        Measure::BackLength => nape_to_waist(figure, true).map(|v| vec![v]),
-        Measure::NapeToWaist => nape_to_waist(figure, false).map(|v| vec![v]),
-        Measure::Rise => rise(figure).map(|v| vec![v]),
-        Measure::ArmLength => Some(arm_length(figure)),
-        Measure::ShoulderToWrist => shoulder_to_wrist(figure),
-        Measure::FootLength => foot_length(figure),
+        Measure::CrotchHeight => Some(vec![avatar.landmark(Landmark::Crotch)?.y]),
+        Measure::ShoulderWidth => shoulder_width(avatar).map(|v| vec![v]),
+        Measure::BackLength => nape_to_waist(avatar, true).map(|v| vec![v]),
+        Measure::NapeToWaist => nape_to_waist(avatar, false).map(|v| vec![v]),
+        Measure::Rise => rise(avatar).map(|v| vec![v]),
+        Measure::ArmLength => Some(arm_length(avatar)),
+        Measure::ShoulderToWrist => shoulder_to_wrist(avatar),
+        Measure::FootLength => foot_length(avatar),
         _ => None,
     }
 }
 
 /// Measures from acromion to acromion over the nape, a taut tape over the back
-fn shoulder_width(figure: &Figure) -> Option<f64> {
-    let nape = figure.landmark(Landmark::Nape)?;
-    let sides = [Landmark::LeftAcromion, Landmark::RightAcromion].map(|l| figure.landmark(l));
+fn shoulder_width(avatar: &MarkedAvatar) -> Option<f64> {
+    let nape = avatar.landmark(Landmark::Nape)?;
+    let sides = [Landmark::LeftAcromion, Landmark::RightAcromion].map(|l| avatar.landmark(l));
     let [left, right] = [sides[0]?, sides[1]?];
     let normal = (left - nape).cross(right - nape);
     // Outward is upward and backward, where the tape is in contact with the skin.
     let outward = DVec3::Y - DVec3::Z;
     let half = |end: DVec3| {
-        taut_below(figure, nape, end, normal, outward).unwrap_or_else(|| nape.distance(end))
+        taut_below(avatar, nape, end, normal, outward).unwrap_or_else(|| nape.distance(end))
     };
     Some(half(left) + half(right))
 }
 
 /// Measures from the nape down the middle of the back to the waist: along the skin, or taut
-fn nape_to_waist(figure: &Figure, taut: bool) -> Option<f64> {
-    let nape = figure.landmark(Landmark::Nape)?;
-    let waist = figure.landmark(Landmark::WaistBack)?;
+fn nape_to_waist(avatar: &MarkedAvatar, taut: bool) -> Option<f64> {
+    let nape = avatar.landmark(Landmark::Nape)?;
+    let waist = avatar.landmark(Landmark::WaistBack)?;
     Some(match taut {
-        true => taut_below(figure, nape, waist, DVec3::X, -DVec3::Z)
+        true => taut_below(avatar, nape, waist, DVec3::X, -DVec3::Z)
             .unwrap_or_else(|| nape.distance(waist)),
-        false => path_length(figure, &[nape, waist], DVec3::X),
+        false => path_length(avatar, &[nape, waist], DVec3::X),
     })
 }
 
 /// Measures from the waist in front between the legs to the waist behind
-fn rise(figure: &Figure) -> Option<f64> {
-    let front = figure.landmark(Landmark::WaistFront)?;
-    let back = figure.landmark(Landmark::WaistBack)?;
-    taut_below(figure, front, back, DVec3::X, -DVec3::Y)
+fn rise(avatar: &MarkedAvatar) -> Option<f64> {
+    let front = avatar.landmark(Landmark::WaistFront)?;
+    let back = avatar.landmark(Landmark::WaistBack)?;
+    taut_below(avatar, front, back, DVec3::X, -DVec3::Y)
 }
 
 /// Returns the length of a taut tape between two points in the plane through the first, on the side of `outward`
 fn taut_below(
-    figure: &Figure,
+    avatar: &MarkedAvatar,
     from: DVec3,
     to: DVec3,
     normal: DVec3,
     outward: DVec3,
 ) -> Option<f64> {
-    let loops = plane_section(&figure.in_a_pose().mesh, from, normal);
+    let loops = plane_section(&avatar.in_a_pose().mesh, from, normal);
     let along = (to - from).try_normalize()?;
     let side = (outward - along * outward.dot(along)).try_normalize()?;
     let length = (to - from).length();
@@ -173,9 +177,9 @@ fn taut_below(
 }
 
 /// Measures from the shoulder joint over the elbow to the wrist joint
-fn arm_length(figure: &Figure) -> Vec<f64> {
+fn arm_length(avatar: &MarkedAvatar) -> Vec<f64> {
     let length = |bones: [Bone; 3]| {
-        let [shoulder, elbow, wrist] = bones.map(|b| figure.in_a_pose().bone_heads[b]);
+        let [shoulder, elbow, wrist] = bones.map(|b| avatar.in_a_pose().bone_heads[b]);
         shoulder.distance(elbow) + elbow.distance(wrist)
     };
     vec![
@@ -185,7 +189,7 @@ fn arm_length(figure: &Figure) -> Vec<f64> {
 }
 
 /// Measures from the acromion over the elbow joint to the outer side of the wrist
-fn shoulder_to_wrist(figure: &Figure) -> Option<Vec<f64>> {
+fn shoulder_to_wrist(avatar: &MarkedAvatar) -> Option<Vec<f64>> {
     [
         (
             Landmark::LeftAcromion,
@@ -200,16 +204,16 @@ fn shoulder_to_wrist(figure: &Figure) -> Option<Vec<f64>> {
     ]
     .into_iter()
     .map(|(acromion, elbow, wrist)| {
-        let elbow = figure.in_a_pose().bone_heads[elbow];
-        let (acromion, wrist) = (figure.landmark(acromion)?, figure.landmark(wrist)?);
+        let elbow = avatar.in_a_pose().bone_heads[elbow];
+        let (acromion, wrist) = (avatar.landmark(acromion)?, avatar.landmark(wrist)?);
         Some(acromion.distance(elbow) + elbow.distance(wrist))
     })
     .collect()
 }
 
 /// Measures the extent of each foot along the line from the heel to the toes
-fn foot_length(figure: &Figure) -> Option<Vec<f64>> {
-    let avatar = figure.in_a_pose();
+fn foot_length(avatar: &MarkedAvatar) -> Option<Vec<f64>> {
+    let avatar = avatar.in_a_pose();
     [Bone::LeftFoot, Bone::RightFoot]
         .into_iter()
         .map(|foot| {
@@ -235,14 +239,14 @@ fn foot_length(figure: &Figure) -> Option<Vec<f64>> {
 /// normal
 ///
 /// Falls back to the straight distance where the surface has no such section.
-fn path_length(figure: &Figure, points: &[DVec3], normal: DVec3) -> f64 {
+fn path_length(avatar: &MarkedAvatar, points: &[DVec3], normal: DVec3) -> f64 {
     let straight: f64 = points.windows(2).map(|p| p[0].distance(p[1])).sum();
     let along: Option<f64> = points
         .windows(2)
         .map(|p| {
             // A tape bridges hollows, but on a back it is never much longer than the straight distance.
             const MAX_DETOUR: f64 = 1.25;
-            let way = section_way(figure, p[0], p[1], normal)?;
+            let way = section_way(avatar, p[0], p[1], normal)?;
             (way < MAX_DETOUR * p[0].distance(p[1])).then_some(way)
         })
         .sum();
@@ -250,10 +254,10 @@ fn path_length(figure: &Figure, points: &[DVec3], normal: DVec3) -> f64 {
 }
 
 /// Returns the length of the shorter path between two points along the section through both
-fn section_way(figure: &Figure, from: DVec3, to: DVec3, normal: DVec3) -> Option<f64> {
+fn section_way(avatar: &MarkedAvatar, from: DVec3, to: DVec3, normal: DVec3) -> Option<f64> {
     // Landmarks lie on the surface; a section that passes this far from one belongs to another part.
     const NEAR_MM: f64 = 15.0;
-    plane_section(&figure.in_a_pose().mesh, from, normal)
+    plane_section(&avatar.in_a_pose().mesh, from, normal)
         .iter()
         .filter_map(|points| {
             let [(a, off_a), (b, off_b)] = [place_along(points, from)?, place_along(points, to)?];

@@ -8,10 +8,10 @@
 //! # Source
 //! ISO 8559-1:2017. The definition of each measure is given by [`Measure::definition`]; some differ from the standard.
 
-mod figure;
 mod girths;
 mod landmarks;
 mod lengths;
+mod marked_avatar;
 mod mass;
 mod names;
 mod prior;
@@ -23,8 +23,8 @@ use pirouette_geom::TriMesh;
 use pirouette_geom::parallel::prelude::*;
 
 use crate::scan::{StatureFrom, Subject};
-use figure::Figure;
-pub use figure::measure_figure;
+use marked_avatar::MarkedAvatar;
+pub use marked_avatar::measure_avatar;
 pub use mass::BodyMass;
 pub use names::{Girth, Landmark, Measure};
 use pirouette_body::render::SilhouetteMesh;
@@ -93,15 +93,15 @@ pub fn measure(input: &MeasureInput) -> Measurements {
         let views = input.views.par_iter().filter(|v| !v.outline.is_empty());
         views.map(|view| see(avatar, &edges, view)).collect()
     };
-    let (views, figure) = pirouette_geom::parallel::join(see_views, || Figure::new(avatar));
+    let (views, marked) = pirouette_geom::parallel::join(see_views, || MarkedAvatar::new(avatar));
     let scale_sd = lengths::scale_sd(input);
     let values = Measure::ALL.into_par_iter().map(|measure| {
         let measured = match measure {
             Measure::Stature => lengths::stature(input),
             _ if !measure.girths().is_empty() => {
-                girths::measure_girth(input, &figure, &views, measure)
+                girths::measure_girth(input, &marked, &views, measure)
             }
-            _ => lengths::measure_length(input, &figure, measure),
+            _ => lengths::measure_length(input, &marked, measure),
         };
         let measured = measured.with_scale_sd(scale_sd);
         (measure, prior::support(input, measure, measured))
@@ -115,7 +115,7 @@ pub fn measure(input: &MeasureInput) -> Measurements {
         values,
         subject: input.subject,
         mass: mass::estimate_mass(input, scale_sd),
-        tapes: figure.tape_curves(),
+        tapes: marked.tape_curves(),
     }
 }
 

@@ -24,10 +24,10 @@ pub(super) struct Tape {
 
 impl Tape {
     /// Creates the tape along a section of an avatar; `None` if its area is zero
-    pub(super) fn of_section(section: &Section, figure: &Avatar) -> Option<Self> {
+    pub(super) fn of_section(section: &Section, avatar: &Avatar) -> Option<Self> {
         let carriers = section.vertices.iter().filter_map(|&v| {
-            let position = figure.mesh.positions.get(v as usize)?;
-            Some((*position, *figure.weights.get(v as usize)?))
+            let position = avatar.mesh.positions.get(v as usize)?;
+            Some((*position, *avatar.weights.get(v as usize)?))
         });
         let tape = Self::new(&section.points, section.plane.normal, carriers.collect())?;
         Some(Self {

@@ -88,7 +88,7 @@ fn join(parts: &[Cylinder]) -> TriMesh {
 }
 
 /// An avatar of cylinders
-fn figure(parts: &[Cylinder]) -> Avatar {
+fn avatar(parts: &[Cylinder]) -> Avatar {
     let mesh = join(parts);
     Avatar {
         weights: vec![SkinWeight::rigid(Bone::Root); mesh.positions.len()],
@@ -206,7 +206,7 @@ proptest! {
         x in -20.0..20.0f64,
         z in -20.0..20.0f64,
     ) {
-        let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
+        let avatar = avatar(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
         let body = Cylinder::upright(x, z, [breadth, breadth * flatness]);
         for (count, limit) in [(8, 0.003), (9, 0.0015)] {
             let turns = even(count);
@@ -223,7 +223,7 @@ proptest! {
         view in 0..8usize,
         by in prop::sample::select(vec![-10isize, 10]),
     ) {
-        let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
+        let avatar = avatar(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
         let body = Cylinder::upright(0.0, 0.0, [breadth, breadth * flatness]);
         let mut silhouettes = render(&[body], &EIGHT);
         let before = waist(&avatar, &silhouettes, &EIGHT);
@@ -235,7 +235,7 @@ proptest! {
 
 #[test]
 fn unevenly_spread_turns_give_the_same_girth() {
-    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
+    let avatar = avatar(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
     let body = Cylinder::upright(10.0, 5.0, [160.0, 115.0]);
     for turns in [
         &[3.0, 41.0, 97.0, 128.0, 186.0, 240.0, 262.0, 325.0][..],
@@ -258,7 +258,7 @@ fn arms_in_front_of_the_trunk_do_not_count_as_trunk() {
     };
     let [left, right] = arms(290.0, 40.0);
     let trunk = Cylinder::upright(0.0, 0.0, [130.0, 110.0]);
-    let avatar = figure(&[trunk, left, right]);
+    let avatar = avatar(&[trunk, left, right]);
     let [left, right] = arms(280.0, 45.0);
     let body = Cylinder::upright(0.0, 0.0, [160.0, 115.0]);
     let found = waist(&avatar, &render(&[body, left, right], &EIGHT), &EIGHT);
@@ -268,7 +268,7 @@ fn arms_in_front_of_the_trunk_do_not_count_as_trunk() {
 
 #[test]
 fn an_outline_that_another_limb_hides_is_an_outlier() {
-    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [140.0, 110.0])]);
+    let avatar = avatar(&[Cylinder::upright(0.0, 0.0, [140.0, 110.0])]);
     let body = Cylinder::upright(0.0, 0.0, [160.0, 115.0]);
     let clean = render(&[body], &EIGHT);
     let mut silhouettes = clean.clone();
@@ -290,7 +290,7 @@ fn a_limb_is_measured_across_its_axis() {
         half_axis: DVec3::new(120.0, -130.0, 20.0),
         radii,
     };
-    let avatar = figure(&[arm([45.0, 45.0])]);
+    let avatar = avatar(&[arm([45.0, 45.0])]);
     let body = arm([52.0, 52.0]);
     let found = around(&avatar, body.half_axis, &render(&[body], &EIGHT), &EIGHT);
     let error = found / body.girth() - 1.0;
@@ -299,7 +299,7 @@ fn a_limb_is_measured_across_its_axis() {
 
 #[test]
 fn a_tape_follows_the_pose_of_each_view() {
-    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
+    let avatar = avatar(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
     let body = Cylinder::upright(0.0, 0.0, [160.0, 120.0]);
     let mesh = body.mesh();
     let poses: Vec<Pose> = (0..8)
@@ -336,7 +336,7 @@ fn a_tape_follows_the_pose_of_each_view() {
 fn a_turn_of_all_views_with_body_and_avatar_changes_nothing() {
     let parts = [Cylinder::upright(20.0, 0.0, [150.0, 110.0])];
     let silhouettes = render(&parts, &EIGHT);
-    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 110.0])]);
+    let avatar = avatar(&[Cylinder::upright(0.0, 0.0, [130.0, 110.0])]);
     let before = waist(&avatar, &silhouettes, &EIGHT);
     let by = 25.0;
     let mut turned = avatar.clone();
@@ -374,7 +374,7 @@ fn measured(avatar: &Avatar, views: &[MeasureView], source: BodySource) -> Measu
 fn without_views_the_body_alone_is_measured() {
     let avatar = woman(1640.0);
     let all = measured(&avatar, &[], BodySource::Fitted);
-    for (measure, true_mm) in measure_figure(&avatar) {
+    for (measure, true_mm) in measure_avatar(&avatar) {
         let found = all.get(measure);
         let value_mm = found.value_mm.expect("the body has it");
         assert!((value_mm - true_mm).abs() < 1e-6, "{measure:?}");
@@ -452,8 +452,8 @@ fn outlines_and_body_are_combined_and_inconsistency_is_reported() {
 
 #[test]
 fn a_larger_scene_has_larger_measures() {
-    let (small, large) = (measure_figure(&woman(1500.0)), {
-        measure_figure(&woman(1500.0).scaled_to(1800.0))
+    let (small, large) = (measure_avatar(&woman(1500.0)), {
+        measure_avatar(&woman(1500.0).scaled_to(1800.0))
     });
     for ((measure, a), (_, b)) in small.iter().zip(&large) {
         // Levels are searched in steps.
@@ -462,7 +462,7 @@ fn a_larger_scene_has_larger_measures() {
     // Camera and body of twice the size give the same photos, and tapes of twice the length.
     let body = Cylinder::upright(10.0, 5.0, [150.0, 110.0]);
     let silhouettes = render(&[body], &EIGHT);
-    let avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
+    let avatar = avatar(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
     let single = waist(&avatar, &silhouettes, &EIGHT);
     let mut double = avatar.clone();
     for p in &mut double.mesh.positions {
@@ -483,7 +483,7 @@ fn a_larger_scene_has_larger_measures() {
 
 #[test]
 fn unavailable_measures_carry_the_reason() {
-    let mut avatar = figure(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
+    let mut avatar = avatar(&[Cylinder::upright(0.0, 0.0, [130.0, 115.0])]);
     avatar.mesh.positions[0] = DVec3::NAN;
     let blank = outline(&Grid::filled(600, 800, 0.0));
     let view = MeasureView {

@@ -302,7 +302,7 @@ impl<'a> Job<'a> {
                 &config.fit,
                 &cancelled,
             );
-            Ok::<_, PipelineError>((fit, start.map(|start| start.figure)))
+            Ok::<_, PipelineError>((fit, start.map(|start| start.mannequin)))
         })??;
         report.fit = Some(fit);
         report.start = start;

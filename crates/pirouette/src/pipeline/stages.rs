@@ -74,7 +74,7 @@ pub struct Normalizer<'a> {
     person: &'a Avatar,
     reference: &'a Avatar,
     mesh: SilhouetteMesh,
-    rim: Option<ContourMesh>,
+    contour_mesh: Option<ContourMesh>,
     options: NormalizeOptions,
 }
 
@@ -96,7 +96,7 @@ impl<'a> Normalizer<'a> {
             positions,
             triangles,
         } = &reference.mesh;
-        normalizer.rim = report
+        normalizer.contour_mesh = report
             .fit
             .as_ref()
             .map(|_| ContourMesh::new(triangles, positions.len()));
@@ -113,7 +113,7 @@ impl<'a> Normalizer<'a> {
             person,
             reference,
             mesh: SilhouetteMesh::new(&reference.mesh.triangles),
-            rim: None,
+            contour_mesh: None,
             options,
         }
     }
@@ -131,8 +131,9 @@ impl<'a> Normalizer<'a> {
         } = view.skeleton();
         let (turn, fit) = (*turn, view.fit.as_ref());
         let pose = fit.map_or(pose, |fit| &fit.pose);
-        let outline = self.rim.as_ref();
-        let outline = outline.map(|rim| OutlineTargets::new(self.person, rim, pose, turn, camera));
+        let outline = self.contour_mesh.as_ref();
+        let outline =
+            outline.map(|mesh| OutlineTargets::new(self.person, mesh, pose, turn, camera));
         normalize(
             &NormalizeView {
                 mask: &view.silhouette.mask,
@@ -166,7 +167,7 @@ pub fn normalized_outlines(views: &[SolvedView]) -> Vec<OutlineMap> {
 /// Computes the outlines of the photographed silhouettes, in the order of the views
 pub fn photographed_outlines(views: &[SolvedView]) -> Vec<OutlineMap> {
     let outline =
-        |view: &SolvedView| OutlineMap::new(&view.silhouette.soft.whole(), OutlineMap::NEAR_PX);
+        |view: &SolvedView| OutlineMap::new(&view.silhouette.soft.to_grid(), OutlineMap::NEAR_PX);
     views.par_iter().map(outline).collect()
 }
 

@@ -62,7 +62,7 @@ pub fn scale_by_pixels(
     mm_per_px: f64,
     from: StatureFrom,
 ) -> Result<(), ScaleError> {
-    let figure = mannequin(&MannequinParameters {
+    let avatar = mannequin(&MannequinParameters {
         pose: scan.pose,
         ..MannequinParameters::default()
     })?;
@@ -74,15 +74,15 @@ pub fn scale_by_pixels(
         ..scan.camera
     };
     let (found, _) = fit_skeleton(
-        &figure,
+        &avatar,
         &views,
         &camera,
         None,
         &SkeletonFitOptions::default(),
     )?;
     let camera = &found.camera;
-    let figures_mm_per_px = camera.distance_mm / camera.focal_px();
-    let stature_mm = found.avatar.stature_mm() * mm_per_px / figures_mm_per_px;
+    let mannequin_mm_per_px = camera.distance_mm / camera.focal_px();
+    let stature_mm = found.avatar.stature_mm() * mm_per_px / mannequin_mm_per_px;
     if !STATURES_MM.contains(&stature_mm) {
         return Err(ScaleError::Implausible {
             mm_per_px,

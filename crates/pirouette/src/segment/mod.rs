@@ -133,7 +133,7 @@ pub enum SegmentError {
     },
     /// The cut left no foreground pixels
     #[error("the segmentation left no foreground pixels around the bones")]
-    Nobody,
+    NoPerson,
     /// The cut itself failed
     #[error("cannot segment the person: {0}")]
     Cut(#[source] GrabCutError),
@@ -186,7 +186,7 @@ pub fn segment(
             let prepared = prepared?;
             let (mask, soft) = cut.unwrap_or(Err(SegmentError::Cancelled))?;
             if mask.area() == 0 {
-                return Err(SegmentError::Nobody);
+                return Err(SegmentError::NoPerson);
             }
             Ok(Silhouette {
                 mask,

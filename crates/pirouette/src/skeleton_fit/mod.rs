@@ -200,7 +200,7 @@ pub enum SkeletonFitWarning {
         solved_mm: f64,
     },
     /// A bone length is unusual
-    #[error("{} is {factor:.2} times that of the reference figure: check stature and keypoints", .scale.name())]
+    #[error("{} is {factor:.2} times that of the reference avatar: check stature and keypoints", .scale.name())]
     UnusualLength {
         /// The bone length
         scale: BoneScale,
@@ -249,7 +249,7 @@ pub enum SkeletonFitError {
         stature_mm: f64,
     },
     /// The avatar is empty, flat or not finite
-    #[error("the reference figure has no usable surface")]
+    #[error("the reference avatar has no usable surface")]
     AvatarUnusable,
 }
 

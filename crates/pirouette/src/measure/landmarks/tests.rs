@@ -1,7 +1,7 @@
 use std::sync::LazyLock;
 
 use super::*;
-use crate::measure::measure_figure;
+use crate::measure::measure_avatar;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::{PerBone, Sex};
 
@@ -203,7 +203,7 @@ fn arms_lowered_from_a_t_pose_have_nearly_the_measures_of_an_a_pose() {
         pose,
         ..MannequinParameters::default()
     };
-    let measures = |pose| measure_figure(&mannequin(&parameters(pose)).unwrap());
+    let measures = |pose| measure_avatar(&mannequin(&parameters(pose)).unwrap());
     let (a, t) = (measures(ReferencePose::A), measures(ReferencePose::T));
     for ((measure, a), (_, t)) in a.iter().zip(&t) {
         assert!((t / a - 1.0).abs() < 0.035, "{measure:?}: {a:.1} {t:.1}");

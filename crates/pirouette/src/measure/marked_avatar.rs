@@ -8,7 +8,7 @@ use super::{Girth, Landmark, Measure, lengths};
 use pirouette_body::Avatar;
 
 /// An avatar with its tapes and landmarks
-pub(super) struct Figure<'a> {
+pub(super) struct MarkedAvatar<'a> {
     avatar: &'a Avatar,
     /// The same avatar in A-pose, if it is in another pose
     lowered: Option<Avatar>,
@@ -22,7 +22,7 @@ pub(super) fn moves_with_arms(girth: Girth) -> bool {
     matches!(girth, Girth::Neck | Girth::Bust | Girth::Underbust)
 }
 
-impl<'a> Figure<'a> {
+impl<'a> MarkedAvatar<'a> {
     pub(super) fn new(avatar: &'a Avatar) -> Self {
         let lowered = with_lowered_arms(avatar);
         let (mut sections, mut landmarks) = find_sections(avatar);
@@ -69,12 +69,12 @@ impl<'a> Figure<'a> {
 /// Measures an avatar along its own tapes and landmarks, in mm: the ground truth of a rendered person
 ///
 /// Measures for which the avatar has no tape or landmark are omitted.
-pub fn measure_figure(figure: &Avatar) -> Vec<(Measure, f64)> {
-    let found = Figure::new(figure);
+pub fn measure_avatar(avatar: &Avatar) -> Vec<(Measure, f64)> {
+    let found = MarkedAvatar::new(avatar);
     let value = |measure: Measure| match measure {
-        Measure::Stature => Some(figure.stature_mm()),
+        Measure::Stature => Some(avatar.stature_mm()),
         _ if measure.girths().is_empty() => {
-            let sides = lengths::of_figure(&found, measure)?;
+            let sides = lengths::of_avatar(&found, measure)?;
             Some(sides.iter().sum::<f64>() / sides.len() as f64)
         }
         _ => {
@@ -100,16 +100,16 @@ mod tests {
 
     #[test]
     fn the_mannequin_has_every_measure_and_all_scale_with_its_stature() {
-        let figure = |stature_mm: f64| {
+        let avatar = |stature_mm: f64| {
             mannequin(&MannequinParameters {
                 stature_mm: Some(stature_mm),
                 ..MannequinParameters::default()
             })
             .unwrap()
         };
-        let small = measure_figure(&figure(1500.0));
+        let small = measure_avatar(&avatar(1500.0));
         assert_eq!(small.len(), Measure::ALL.len());
-        for ((measure, a), (_, b)) in small.iter().zip(measure_figure(&figure(1800.0))) {
+        for ((measure, a), (_, b)) in small.iter().zip(measure_avatar(&avatar(1800.0))) {
             assert!(b > *a && b < 1.4 * a, "{measure:?} {a} {b}");
         }
     }
