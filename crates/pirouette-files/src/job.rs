@@ -17,7 +17,8 @@ use thiserror::Error;
 
 use crate::report::json::measurements_json;
 #[cfg(feature = "folders")]
-use crate::results::{ResultError, ResultOptions, make_artifacts, result_value, write_results};
+use crate::results::write_results;
+use crate::results::{ResultError, ResultOptions, make_artifacts, result_value};
 use crate::scan_folder::{
     FailedView, LoadOptions, LoadedScan, ScanError, ScanWarning, load_source,
 };

@@ -23,7 +23,8 @@ use crate::report::pictures::{DrawnBody, draw_contact_sheet, draw_overlay, draw_
 use crate::report::tape_sheet;
 use crate::scan_folder::LoadedScan;
 #[cfg(feature = "folders")]
-use crate::sink::{Sink, WriteError, make_folder};
+use crate::sink::make_folder;
+use crate::sink::{Sink, WriteError};
 use crate::warning::Warning;
 use pirouette::normalize::{JointPositions, LimbRefinement, Registration};
 use pirouette::pipeline::{Goal, Method, Report};

@@ -3,12 +3,14 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 #[cfg(feature = "folders")]
+use std::fs;
+use std::io;
+#[cfg(feature = "folders")]
 use std::io::Write;
 #[cfg(feature = "folders")]
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
-#[cfg(feature = "folders")]
-use std::{fs, io};
 
 use thiserror::Error;
 

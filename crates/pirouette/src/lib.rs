@@ -6,7 +6,7 @@
 //!
 //! # Example
 //!
-//! Scans a rendered person and compares a girth with the truth. Real scans come from `pirouette_files::job`.
+//! Scans a rendered person and prints a girth. Real scans come from `pirouette_files::job`.
 //!
 //! ```
 //! use pirouette::measure::Measure;

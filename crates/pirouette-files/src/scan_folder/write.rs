@@ -9,7 +9,8 @@ use thiserror::Error;
 
 use crate::formats::{manifest, photo};
 #[cfg(feature = "folders")]
-use crate::sink::{Sink, WriteError, make_folder};
+use crate::sink::make_folder;
+use crate::sink::{Sink, WriteError};
 use pirouette::scan::{Scan, View};
 use pirouette_body::{Keypoints, ReferencePose, Sex};
 
