@@ -237,7 +237,7 @@ mod tests {
             .map(|i| [if (i + i / 8) % 2 == 0 { 200 } else { 100 }; 3])
             .collect();
         let photo = Photo::new(8, 8, &pixels).unwrap();
-        let found = reds(photo, Region::new([4.0, 4.0], 4.0, 0.3).unwrap(), 1);
+        let found = reds(photo, Region::new([5.0, 5.0], 4.0, 0.3).unwrap(), 1);
         assert_near(&found, &[150.0]);
     }
 

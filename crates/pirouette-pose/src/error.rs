@@ -56,7 +56,9 @@ pub enum ModelError {
         expected: &'static str,
     },
     /// The shapes of an operator and its tensors do not match
-    #[error("operator {operator} of the model: {what} has shape {found:?}, expected {expected:?}")]
+    #[error(
+        "operator {operator} of the model: {what} must have shape {expected:?} (0: any size), found {found:?}"
+    )]
     WrongShape {
         /// Number of the operator in the file
         operator: usize,
@@ -64,7 +66,7 @@ pub enum ModelError {
         what: &'static str,
         /// Its shape in the file
         found: Vec<usize>,
-        /// The shape that the operator requires
+        /// The shape that the operator requires, 0 where any size is accepted
         expected: Vec<usize>,
     },
     /// An operator reads a tensor that is neither a constant of the required type nor computed before

@@ -4,6 +4,7 @@
 //! operators whose results they read, and each tensor is computed once.
 
 mod build;
+mod site;
 
 use crate::ModelError;
 use crate::flatbuffer::check_limit;

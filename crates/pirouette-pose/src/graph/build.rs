@@ -1,5 +1,6 @@
 //! Checks operators one after the other, and packs their weights
 
+use super::site::{Site, image};
 use super::{Graph, Kernel, Node};
 use crate::ModelError;
 use crate::flatbuffer::check_limit;
@@ -10,7 +11,7 @@ use crate::kernels::pool::MaxPool;
 use crate::kernels::resize::{Alignment, Resize};
 use crate::kernels::window::{Padding, Span, Window};
 use crate::kernels::{Activation, Shape};
-use crate::tflite::{File, Operator, Tensor, code};
+use crate::tflite::{File, Tensor, code};
 
 /// Largest accepted number of packed weights; twice that of the largest known pose network
 const MAX_WEIGHTS: usize = 1 << 25;
@@ -45,78 +46,6 @@ struct Weights {
     bias: Vec<f32>,
     /// Sizes of the dimensions of the weights
     sizes: [usize; 4],
-}
-
-/// Operator with its number, for errors
-#[derive(Clone, Copy)]
-struct Site<'a> {
-    index: usize,
-    operator: &'a Operator<'a>,
-}
-
-impl Site<'_> {
-    fn unsupported(self, what: &'static str, found: i64, expected: &'static str) -> ModelError {
-        ModelError::UnsupportedOption {
-            operator: self.index,
-            what,
-            found,
-            expected,
-        }
-    }
-
-    fn wrong_shape(self, what: &'static str, found: &[usize], expected: &[usize]) -> ModelError {
-        ModelError::WrongShape {
-            operator: self.index,
-            what,
-            found: found.to_vec(),
-            expected: expected.to_vec(),
-        }
-    }
-
-    /// Reads the number of an input, -1 if there is none.
-    fn input(self, which: usize) -> i32 {
-        self.operator.inputs.get(which).copied().unwrap_or(-1)
-    }
-
-    /// Reads an activation from a byte of the options.
-    fn activation(self, slot: usize) -> Result<Activation, ModelError> {
-        match self.operator.byte(slot)? {
-            0 => Ok(Activation::NONE),
-            1 => Ok(Activation::RELU),
-            3 => Ok(Activation::RELU6),
-            other => Err(self.unsupported(
-                "activation",
-                other.into(),
-                "0 (none), 1 (ReLU) or 3 (ReLU6)",
-            )),
-        }
-    }
-
-    /// Returns an error unless an option is 1.
-    fn require_one(self, what: &'static str, slot: usize) -> Result<(), ModelError> {
-        match self.operator.int(slot, 1)? {
-            1 => Ok(()),
-            other => Err(self.unsupported(what, other.into(), "1")),
-        }
-    }
-}
-
-/// Interprets sizes of dimensions as an image; a vector is an image of one pixel.
-fn image(sizes: &[usize]) -> Option<Shape> {
-    let shape = match *sizes {
-        [1, height, width, channels] => Shape {
-            height,
-            width,
-            channels,
-        },
-        [1, channels] => Shape {
-            height: 1,
-            width: 1,
-            channels,
-        },
-        _ => return None,
-    };
-    (shape.len() > 0).then_some(shape)
 }
 
 impl<'a> Builder<'a> {

@@ -80,9 +80,12 @@ impl Convolution {
 
     /// Copies the values of the window at row `y` and column `x`, zero in the padding.
     fn copy_patch(&self, input: &[f32], y: usize, x: usize, patch: &mut [f32]) {
-        let channels = self.input.channels;
+        let (channels, columns) = (self.input.channels, self.window.columns);
+        let inside = columns.inside(x, self.input.width);
+        let first = (x * columns.stride + inside.start).saturating_sub(columns.before) * channels;
+        let inside = inside.start * channels..inside.end * channels;
         for (ky, patch) in patch
-            .chunks_exact_mut(self.window.columns.kernel * channels)
+            .chunks_exact_mut(columns.kernel * channels)
             .enumerate()
         {
             let Some(row) = self.window.rows.index(y, ky, self.input.height) else {
@@ -90,12 +93,11 @@ impl Convolution {
                 continue;
             };
             let row = &input[row * self.input.row_len()..][..self.input.row_len()];
-            for (kx, patch) in patch.chunks_exact_mut(channels).enumerate() {
-                match self.window.columns.index(x, kx, self.input.width) {
-                    Some(column) => patch.copy_from_slice(&row[column * channels..][..channels]),
-                    None => patch.fill(0.0),
-                }
+            patch[..inside.start].fill(0.0);
+            if !inside.is_empty() {
+                patch[inside.clone()].copy_from_slice(&row[first..][..inside.len()]);
             }
+            patch[inside.end..].fill(0.0);
         }
     }
 }

@@ -86,11 +86,10 @@ impl Matrix {
         let (mut input, mut out) = (input, out);
         let mut remaining = rows;
         while remaining > 0 {
-            let count = if remaining >= 4 { 4 } else { remaining.min(2) };
+            let count = if remaining >= 4 { 4 } else { 1 };
             let (now, later) = out.split_at_mut(count * self.outputs);
             match count {
                 4 => self.multiply_rows::<4>(input, now),
-                2 => self.multiply_rows::<2>(input, now),
                 _ => self.multiply_rows::<1>(input, now),
             }
             input = &input[count * self.depth..];
@@ -148,7 +147,8 @@ fn product<const R: usize, const L: usize>(
             }
         }
     }
-    sums.map(|row| row.map(|v| activation.apply(v)))
+    activation.apply_all(sums.as_flattened_mut());
+    sums
 }
 
 #[cfg(test)]

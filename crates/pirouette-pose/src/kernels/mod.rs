@@ -64,6 +64,14 @@ impl Activation {
         let value = if value > self.low { value } else { self.low };
         if value < self.high { value } else { self.high }
     }
+
+    /// Clamps values.
+    #[inline(always)]
+    fn apply_all(self, values: &mut [f32]) {
+        for value in values {
+            *value = self.apply(*value);
+        }
+    }
 }
 
 /// Computes `a * b + c`.

@@ -62,6 +62,14 @@ impl Span {
             .filter(|&index| index < size)
     }
 
+    /// Items of window `i` that are inside the image; the range may be empty.
+    pub(crate) fn inside(&self, i: usize, size: usize) -> std::ops::Range<usize> {
+        let start = i * self.stride;
+        let first = self.before.saturating_sub(start).min(self.kernel);
+        let end = (self.before + size).saturating_sub(start).min(self.kernel);
+        first..end.max(first)
+    }
+
     /// Number of padded rows (or columns) that the windows cover
     pub(crate) fn covered(&self) -> usize {
         (self.count - 1) * self.stride + self.kernel
