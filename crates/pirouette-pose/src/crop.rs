@@ -148,7 +148,8 @@ where
             let (i, j) = (i as f64, j as f64);
             let x = origin[0] + i * right[0] + j * down[0];
             let y = origin[1] + i * right[1] + j * down[1];
-            *out = bilinear(raster, x, y).map(|v| v / 255.0);
+            let color = bilinear(raster, x, y);
+            *out = [color[0] / 255.0, color[1] / 255.0, color[2] / 255.0];
         }
     }
 }

@@ -131,7 +131,7 @@ const MAX_MEMORY: usize = 1 << 26;
 const MAX_WORK: usize = 1 << 33;
 
 /// Memory of one run
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Memory {
     slots: Vec<Vec<f32>>,
     scratch: Vec<f32>,

@@ -6,6 +6,7 @@ use crate::kernels::Shape;
 use crate::kernels::elementwise::logistic;
 use crate::landmarks::{LANDMARK_COUNT, NETWORK_LANDMARKS, VALUES, decode};
 use crate::{Landmark, ModelError, Photo, Region};
+use std::sync::Mutex;
 
 /// Places of the outputs in the file
 const LANDMARKS: usize = 0;
@@ -15,7 +16,8 @@ const HEAT_MAPS: usize = 3;
 
 /// Network that finds the landmarks of one person in a region of a photo
 ///
-/// Can be used from several threads at once; each call allocates its own memory (about 12 MB for the `full` model).
+/// Can be used from several threads at once. Each call uses its own memory, which is kept for later calls: about 8 MB per
+/// simultaneous call for the `full` model.
 #[derive(Debug)]
 pub struct PoseModel {
     graph: Graph,
@@ -31,6 +33,8 @@ pub struct PoseModel {
 struct Task {
     outputs: Vec<usize>,
     schedule: Schedule,
+    /// Memory of finished calls: obtaining it from the system again takes a fifth of the time of a pass
+    free: Mutex<Vec<Memory>>,
 }
 
 impl Task {
@@ -38,7 +42,14 @@ impl Task {
         Ok(Self {
             schedule: Schedule::new(graph, &outputs)?,
             outputs,
+            free: Mutex::default(),
         })
+    }
+
+    /// Takes memory of a finished call, or allocates it.
+    fn take_memory(&self) -> Memory {
+        let free = self.free.lock().ok().and_then(|mut free| free.pop());
+        free.unwrap_or_else(|| self.schedule.memory())
     }
 }
 
@@ -224,7 +235,7 @@ impl<'a> Runner<'a> {
             model,
             task,
             pyramid: Pyramid::new(photo),
-            memory: task.schedule.memory(),
+            memory: task.take_memory(),
         }
     }
 
@@ -271,6 +282,14 @@ impl<'a> Runner<'a> {
             width,
             height,
             values: self.output(3).iter().map(|&v| logistic(v)).collect(),
+        }
+    }
+}
+
+impl Drop for Runner<'_> {
+    fn drop(&mut self) {
+        if let Ok(mut free) = self.task.free.lock() {
+            free.push(std::mem::take(&mut self.memory));
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Damaged and hostile models are rejected or run, without panics and without much memory.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
 mod tiny_model;
 
 use pirouette_pose::{ModelError, Photo, PoseModel};

@@ -4,13 +4,13 @@ use super::site::{Site, image};
 use super::{Graph, Kernel, Node};
 use crate::ModelError;
 use crate::flatbuffer::check_limit;
+use crate::kernels::Shape;
 use crate::kernels::convolution::Convolution;
 use crate::kernels::depthwise::Depthwise;
 use crate::kernels::elementwise::Pad;
 use crate::kernels::pool::MaxPool;
 use crate::kernels::resize::{Alignment, Resize};
 use crate::kernels::window::{Padding, Span, Window};
-use crate::kernels::{Activation, Shape};
 use crate::tflite::{File, Tensor, code};
 
 /// Largest accepted number of packed weights; twice that of the largest known pose network

@@ -130,13 +130,15 @@ impl Matrix {
 /// Computes `activation(bias + rows * panel)` with all sums in registers.
 #[inline(never)]
 fn product<const R: usize, const L: usize>(
-    rows: [&[f32]; R],
+    mut rows: [&[f32]; R],
     panel: &[[f32; L]],
     bias: &[f32; L],
     activation: Activation,
 ) -> [[f32; L]; R] {
     let depth = panel.len();
-    let rows = rows.map(|row| &row[..depth]);
+    for row in &mut rows {
+        *row = &row[..depth];
+    }
     let mut sums = [*bias; R];
     for k in 0..depth {
         let weights = &panel[k];
