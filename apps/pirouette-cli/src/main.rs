@@ -5,6 +5,7 @@ mod args;
 mod avatar_command;
 mod demo_command;
 mod eval_command;
+mod models_command;
 mod output;
 mod progress;
 mod scan_command;
@@ -78,6 +79,7 @@ fn run_command(cli: &Cli, output: Output, cancel: &CancelToken) -> Result<()> {
         Command::Avatar(args) => avatar_command::run(args, output),
         Command::Arap(args) => arap_command::run(args, output),
         Command::Eval(args) => eval_command::run(args, output, cli.quiet, cancel),
+        Command::Models(args) => models_command::run(args, output),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "pirouette", &mut script);

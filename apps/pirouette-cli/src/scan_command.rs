@@ -9,13 +9,14 @@ use pirouette::sizes::{Advice, Chart, advise_person};
 use pirouette_files::formats::charts::{built_in_charts, parse_charts};
 use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
-use pirouette_files::job::{FinishedJob, JobError, ScaleSource, run_job};
+use pirouette_files::job::{FinishedJob, JobError, JobOptions, run_job};
 use pirouette_files::results::ResultOptions;
 use pirouette_files::scan_folder::open_source;
 use pirouette_files::source::Source;
 use serde_json::{Value, json};
 
 use crate::args::{Method, MethodArgs, ScanArgs};
+use crate::models_command::pose_model;
 use crate::output::Output;
 use crate::progress::Progress;
 
@@ -41,7 +42,12 @@ pub fn run(
         exports: &exports,
     };
     let scale = args.scale.map(|source| source.of_job());
-    let job = || scan_source(source, &config, scale, &progress, cancel);
+    let pose_model = pose_model(args.method.pose_model.as_deref())?;
+    let job_options = JobOptions {
+        scale,
+        pose_model: pose_model.as_ref(),
+    };
+    let job = || scan_source(source, &config, &job_options, &progress, cancel);
     let done = job().and_then(|done| Ok(done.write(&args.out, &options).map(|()| done)?));
     progress.finish();
     let done = done?;
@@ -59,7 +65,8 @@ pub fn scan_folder(
     progress: &Progress,
     cancel: &CancelToken,
 ) -> Result<FinishedJob> {
-    let done = scan_source(open_source(scan)?, config, None, progress, cancel)?;
+    let job_options = JobOptions::default();
+    let done = scan_source(open_source(scan)?, config, &job_options, progress, cancel)?;
     done.write(out, results)?;
     Ok(done)
 }
@@ -68,12 +75,12 @@ pub fn scan_folder(
 fn scan_source(
     source: Source,
     config: &Config,
-    scale: Option<ScaleSource>,
+    options: &JobOptions,
     progress: &Progress,
     cancel: &CancelToken,
 ) -> Result<FinishedJob> {
     let scan = source.path();
-    let done = run_job(source, config, scale, cancel, &mut |event| {
+    let done = run_job(source, config, options, cancel, &mut |event| {
         progress.show_job(&event);
     });
     done.map_err(|error| match error {

@@ -10,7 +10,7 @@ use pirouette_files::formats::charts::built_in_charts;
 use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::formats::photo::decode_mask;
-use pirouette_files::job::run_job;
+use pirouette_files::job::{JobOptions, run_job};
 use pirouette_files::results::ResultOptions;
 
 #[test]
@@ -284,7 +284,14 @@ fn a_zip_file_is_scanned_like_its_folder_and_like_memory() {
     let files = pirouette_files::scan_folder::scan_files(&person.scan).unwrap();
     let source = pirouette_files::source::Source::from_files("scan", files).unwrap();
     let config = Config::new(Goal::Measure, Method::Fit);
-    let done = run_job(source, &config, None, &CancelToken::default(), &mut |_| {}).unwrap();
+    let done = run_job(
+        source,
+        &config,
+        &JobOptions::default(),
+        &CancelToken::default(),
+        &mut |_| {},
+    )
+    .unwrap();
     let options = ResultOptions {
         formats: &[MeshFormat::Ply],
         page_title: None,

@@ -16,7 +16,7 @@ use std::hash::{DefaultHasher, Hasher};
 use pirouette::pipeline::{CancelToken, Config, Event, Goal, Method};
 use pirouette_files::formats::charts::built_in_charts;
 use pirouette_files::formats::mesh::MeshFormat;
-use pirouette_files::job::{JobEvent, run_job};
+use pirouette_files::job::{JobEvent, JobOptions, run_job};
 use pirouette_files::results::ResultOptions;
 use pirouette_files::scan_folder::scan_files;
 use pirouette_files::source::Source;
@@ -46,15 +46,21 @@ fn scan_bytes(
     let source = Source::from_files(name, files.iter().copied())?;
     let config = Config::new(Goal::Measure, Method::Fit);
     let cancel = CancelToken::default();
-    let done = run_job(source, &config, None, &cancel, &mut |event| match event {
-        JobEvent::Pipeline(Event::StageDone { stage, seconds }) => {
-            println!("{}: {seconds:.2} s", stage.name());
-        }
-        JobEvent::Pipeline(Event::Warning(warning)) => println!("warning: {warning}"),
-        JobEvent::LoadWarning(warning) => println!("warning: {warning}"),
-        JobEvent::ViewFailed(failed) => println!("warning: {failed}"),
-        _ => {}
-    })?;
+    let done = run_job(
+        source,
+        &config,
+        &JobOptions::default(),
+        &cancel,
+        &mut |event| match event {
+            JobEvent::Pipeline(Event::StageDone { stage, seconds }) => {
+                println!("{}: {seconds:.2} s", stage.name());
+            }
+            JobEvent::Pipeline(Event::Warning(warning)) => println!("warning: {warning}"),
+            JobEvent::LoadWarning(warning) => println!("warning: {warning}"),
+            JobEvent::ViewFailed(failed) => println!("warning: {failed}"),
+            _ => {}
+        },
+    )?;
     let charts = built_in_charts();
     Ok(done.artifacts(&ResultOptions {
         formats: &[MeshFormat::Ply, MeshFormat::Glb],

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use pirouette::pipeline::{CancelToken, Config, Event, Goal, Method};
 use pirouette_files::formats::charts::built_in_charts;
 use pirouette_files::formats::mesh::MeshFormat;
-use pirouette_files::job::{JobEvent, run_job};
+use pirouette_files::job::{JobEvent, JobOptions, run_job};
 use pirouette_files::results::ResultOptions;
 use pirouette_files::source::Source;
 
@@ -26,15 +26,21 @@ fn main() -> Result<(), Box<dyn Error>> {
     let config = Config::new(Goal::Measure, Method::Fit);
     // Another thread may call `cancel` on a clone of the token.
     let cancel = CancelToken::default();
-    let done = run_job(source, &config, None, &cancel, &mut |event| match event {
-        JobEvent::Pipeline(Event::StageDone { stage, seconds }) => {
-            println!("{}: {seconds:.2} s", stage.name());
-        }
-        JobEvent::Pipeline(Event::Warning(warning)) => println!("warning: {warning}"),
-        JobEvent::LoadWarning(warning) => println!("warning: {warning}"),
-        JobEvent::ViewFailed(failed) => println!("warning: {failed}"),
-        _ => {}
-    })?;
+    let done = run_job(
+        source,
+        &config,
+        &JobOptions::default(),
+        &cancel,
+        &mut |event| match event {
+            JobEvent::Pipeline(Event::StageDone { stage, seconds }) => {
+                println!("{}: {seconds:.2} s", stage.name());
+            }
+            JobEvent::Pipeline(Event::Warning(warning)) => println!("warning: {warning}"),
+            JobEvent::LoadWarning(warning) => println!("warning: {warning}"),
+            JobEvent::ViewFailed(failed) => println!("warning: {failed}"),
+            _ => {}
+        },
+    )?;
     if let Some(measurements) = &done.report.measurements {
         for (measure, measured) in measurements.iter() {
             match &measured.value_mm {

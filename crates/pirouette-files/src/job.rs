@@ -6,12 +6,15 @@
 use std::collections::BTreeMap;
 #[cfg(feature = "folders")]
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use web_time::Instant;
 
+use pirouette::detect::detect_keypoints;
 use pirouette::pipeline::{self, CancelToken, Config, Event, Goal, PipelineError, Report, Stage};
 use pirouette::scale::{Card, ScaleError, scale_by_card, scale_by_pixels};
-use pirouette::scan::StatureFrom;
+use pirouette::scan::{KeypointSource, Photo, StatureFrom};
 use pirouette::sizes::{Chart, advise_person};
+use pirouette_pose::PoseModel;
 use serde_json::Value;
 use thiserror::Error;
 
@@ -20,7 +23,7 @@ use crate::report::json::measurements_json;
 use crate::results::write_results;
 use crate::results::{ResultError, ResultOptions, make_artifacts, result_value};
 use crate::scan_folder::{
-    FailedView, LoadOptions, LoadedScan, ScanError, ScanWarning, load_source,
+    FailedView, LoadOptions, LoadedScan, ScanError, ScanWarning, ViewError, load_source,
 };
 use crate::source::Source;
 
@@ -82,7 +85,16 @@ pub struct FinishedJob {
     pub report: Report,
 }
 
-/// Loads a scan, determines its scale, and computes up to the goal of `config`
+/// Options of a job in addition to the configuration of the computation
+#[derive(Debug, Clone, Copy, Default)]
+pub struct JobOptions<'a> {
+    /// Source of the scale if the manifest contains neither the stature nor the size of a pixel
+    pub scale: Option<ScaleSource>,
+    /// Detects keypoints in photos without a keypoint file; without it, they are unusable
+    pub pose_model: Option<&'a PoseModel>,
+}
+
+/// Loads a scan, detects missing keypoints, determines the scale, and computes up to the goal of `config`
 ///
 /// `on_event` receives progress and warnings; calls are serialized but may come from any thread.
 ///
@@ -91,39 +103,96 @@ pub struct FinishedJob {
 pub fn run_job(
     source: Source,
     config: &Config,
-    scale: Option<ScaleSource>,
+    options: &JobOptions,
     cancel: &CancelToken,
     on_event: &mut (dyn FnMut(JobEvent) + Send),
 ) -> Result<FinishedJob, JobError> {
     let start = Instant::now();
-    let options = LoadOptions {
+    let load_options = LoadOptions {
         // Silhouettes may come from photos of any size; only a body requires a single camera.
         one_shape: config.goal > Goal::Segment,
+        without_keypoints: options.pose_model.is_some(),
         ..LoadOptions::default()
     };
-    let mut loaded = load_source(source, &options)?;
-    if config.goal > Goal::Segment {
-        find_scale(&mut loaded, scale, on_event)?;
-    }
+    let mut loaded = load_source(source, &load_options)?;
     let load_seconds = start.elapsed().as_secs_f64();
     on_event(JobEvent::Pipeline(Event::StageDone {
         stage: Stage::Load,
         seconds: load_seconds,
     }));
+    let detect_seconds = match options.pose_model {
+        Some(model) => detect(&mut loaded, model, cancel, on_event)?,
+        None => None,
+    };
+    if config.goal > Goal::Segment {
+        find_scale(&mut loaded, options.scale, on_event)?;
+    }
     for warning in &loaded.warnings {
         on_event(JobEvent::LoadWarning(warning));
     }
     for failed in &loaded.failed {
         on_event(JobEvent::ViewFailed(failed));
     }
-    let report = pipeline::run(&loaded.scan, config, cancel, &mut |event| {
+    let mut report = pipeline::run(&loaded.scan, config, cancel, &mut |event| {
         on_event(JobEvent::Pipeline(event));
     })?;
+    let detected = detect_seconds.map(|seconds| (Stage::Detect, seconds));
+    report.seconds.splice(..0, detected);
     Ok(FinishedJob {
         loaded,
         load_seconds,
         report,
     })
+}
+
+/// Detects the keypoints of views without a keypoint file; returns the duration, in seconds
+fn detect(
+    loaded: &mut LoadedScan,
+    model: &PoseModel,
+    cancel: &CancelToken,
+    on_event: &mut (dyn FnMut(JobEvent) + Send),
+) -> Result<Option<f64>, PipelineError> {
+    let indices = std::mem::take(&mut loaded.without_keypoints);
+    if indices.is_empty() {
+        return Ok(None);
+    }
+    let (stage, start) = (Stage::Detect, Instant::now());
+    on_event(JobEvent::Pipeline(Event::StageStarted {
+        stage,
+        step_count: indices.len(),
+    }));
+    let photos: Vec<&Photo> = indices
+        .iter()
+        .map(|&i| &loaded.scan.views[i].photo)
+        .collect();
+    let progress = Mutex::new(&mut *on_event);
+    let step = || {
+        let mut on_event = progress.lock().unwrap_or_else(PoisonError::into_inner);
+        on_event(JobEvent::Pipeline(Event::StepDone { stage }));
+    };
+    let found = detect_keypoints(model, &photos, &step, &|| cancel.cancelled());
+    if cancel.cancelled() {
+        return Err(PipelineError::Cancelled);
+    }
+    let mut rejected = Vec::new();
+    for (index, found) in indices.into_iter().zip(found) {
+        let view = &mut loaded.scan.views[index];
+        match found {
+            Some(keypoints) => {
+                view.keypoints = keypoints;
+                view.keypoints_from = KeypointSource::BlazePose;
+            }
+            None if view.mask.is_some() => {}
+            None => {
+                let file = loaded.photo_file(index).to_owned();
+                rejected.push((index, ViewError::NotDetected { file }));
+            }
+        }
+    }
+    loaded.reject(rejected);
+    let seconds = start.elapsed().as_secs_f64();
+    on_event(JobEvent::Pipeline(Event::StageDone { stage, seconds }));
+    Ok(Some(seconds))
 }
 
 /// Determines the scale if the manifest does not contain the stature

@@ -9,6 +9,8 @@
 
 pub mod formats;
 pub mod job;
+#[cfg(feature = "folders")]
+pub mod models;
 pub mod report;
 pub mod results;
 pub mod scan_folder;

@@ -21,14 +21,14 @@ use crate::report::json::measurements_json;
 use crate::report::page::{Page, PageView, write_page};
 use crate::report::pictures::{DrawnBody, draw_contact_sheet, draw_overlay, draw_residuals};
 use crate::report::tape_sheet;
-use crate::scan_folder::LoadedScan;
+use crate::scan_folder::{LoadedScan, keypoint_file, scale_keypoints};
 #[cfg(feature = "folders")]
 use crate::sink::make_folder;
 use crate::sink::{Sink, WriteError};
 use crate::warning::Warning;
 use pirouette::normalize::{JointPositions, LimbRefinement, Registration};
 use pirouette::pipeline::{Goal, Method, Report};
-use pirouette::scan::{Photo, View};
+use pirouette::scan::{KeypointSource, Photo, View};
 use pirouette::sizes::{Chart, advise_person};
 use pirouette::skeleton_fit::{BoneScale, Skeleton};
 use pirouette::view::SolvedView;
@@ -243,6 +243,15 @@ fn write_view(
     let name = within("overlay.jpg");
     let file = sink.path(&name);
     sink.put(&name, as_jpeg(&file, &overlay)?)?;
+    if view.keypoints_from != KeypointSource::Given {
+        let (width, height) = view.input_size_px;
+        let scale = DVec2::new(
+            width as f64 / view.photo.width() as f64,
+            height as f64 / view.photo.height() as f64,
+        );
+        let value = keypoint_file(&scale_keypoints(&view.keypoints, scale));
+        put_json(sink, &within("keypoints.json"), &value)?;
+    }
     let value = view_value(view, found);
     put_json(sink, &within("view.json"), &value)?;
     let for_page = with_page.then(|| as_jpeg(&file, &shrink(overlay, PAGE_OVERLAY_PX)));
@@ -379,6 +388,10 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
         "warnings": warnings,
         "seconds": seconds,
     });
+    let detected = |view: &View| view.keypoints_from == KeypointSource::BlazePose;
+    if scan.views.iter().any(detected) {
+        value["detector"] = json!("blazepose");
+    }
     if let Some(skeleton) = &report.skeleton {
         value["camera"] = camera_value(&skeleton.camera);
         value["skeleton"] = skeleton_value(skeleton, &loaded.scan.views);

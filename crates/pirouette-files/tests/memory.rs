@@ -9,7 +9,7 @@ use pirouette::pipeline::{CancelToken, Config, Event, Goal, Method, Stage};
 use pirouette_files::formats::charts::built_in_charts;
 use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
-use pirouette_files::job::{FinishedJob, JobError, JobEvent, ScaleSource, run_job};
+use pirouette_files::job::{FinishedJob, JobError, JobEvent, JobOptions, ScaleSource, run_job};
 use pirouette_files::results::ResultOptions;
 use pirouette_files::scan_folder::{scan_files, write_scan};
 use pirouette_files::source::Source;
@@ -53,8 +53,14 @@ fn zipped(files: &Files) -> Vec<u8> {
 /// Runs a job; its times are cleared, since they differ between runs
 fn finished(source: Source) -> FinishedJob {
     let config = Config::new(Goal::Measure, Method::Fit);
-    let mut done = run_job(source, &config, None, &CancelToken::default(), &mut |_| {})
-        .expect("a rendered person can be scanned");
+    let mut done = run_job(
+        source,
+        &config,
+        &JobOptions::default(),
+        &CancelToken::default(),
+        &mut |_| {},
+    )
+    .expect("a rendered person can be scanned");
     done.load_seconds = 0.5;
     done.report.seconds.clear();
     done
@@ -124,7 +130,10 @@ fn a_job_reports_excluded_views_and_the_source_of_the_scale() {
     let done = run_job(
         source,
         &config,
-        Some(ScaleSource::Card),
+        &JobOptions {
+            scale: Some(ScaleSource::Card),
+            ..JobOptions::default()
+        },
         &CancelToken::default(),
         &mut |event| match event {
             JobEvent::ViewFailed(failed) => events.push(failed.to_string()),
@@ -139,7 +148,7 @@ fn a_job_reports_excluded_views_and_the_source_of_the_scale() {
     )
     .unwrap();
     assert_eq!(done.loaded.scan.given_view_count(), 3);
-    assert_eq!(events[..2], ["no card", "loaded"]);
+    assert_eq!(events[..2], ["loaded", "no card"]);
     assert!(events[2].starts_with("view 001 is rejected (load): 001.jpg"));
     assert_eq!(events.len(), 3);
 }
@@ -150,7 +159,10 @@ fn a_job_fails_if_the_scale_cannot_be_determined() {
     person.scan.stature_mm = None;
     let source = Source::from_files("anna", scan_files(&person.scan).unwrap()).unwrap();
     let config = Config::new(Goal::Measure, Method::Fit);
-    let card = Some(ScaleSource::Card);
-    let done = run_job(source, &config, card, &CancelToken::default(), &mut |_| {});
+    let card = JobOptions {
+        scale: Some(ScaleSource::Card),
+        ..JobOptions::default()
+    };
+    let done = run_job(source, &config, &card, &CancelToken::default(), &mut |_| {});
     assert!(matches!(done, Err(JobError::Card(_))));
 }

@@ -17,7 +17,7 @@ use glam::{DMat3, DVec2, DVec3};
 use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask, TriMesh};
 
-use pirouette::scan::{CameraSetup, Photo, Scan, StatureFrom, Subject, View};
+use pirouette::scan::{CameraSetup, KeypointSource, Photo, Scan, StatureFrom, Subject, View};
 use pirouette_body::{
     Avatar, Bone, Camera, Joint, Keypoint, Keypoints, NOMINAL_STATURE_PX, PerJoint, Pose,
     PosedAvatar, PosedBones, TurnAngle, render,
@@ -144,6 +144,7 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
                 photo,
                 turn,
                 keypoints,
+                keypoints_from: KeypointSource::Given,
                 mask: painted.is_none().then(|| silhouette.clone()),
             };
             (view, pose, silhouette, canonical)

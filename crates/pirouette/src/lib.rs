@@ -56,6 +56,7 @@
 //!
 //! | stage | function | result |
 //! |---|---|---|
+//! | detection | [`detect::detect_keypoints`] | keypoints of photos without a keypoint file |
 //! | avatar | [`pipeline::make_avatar`] | a mannequin of the person's stature, or a given avatar |
 //! | skeleton | [`skeleton_fit::fit_skeleton`] | one skeleton, the pose in each view, one camera |
 //! | segmentation | [`segment::segment`] | a soft silhouette of each view |
@@ -87,6 +88,7 @@
 pub mod body_fit;
 pub mod carve;
 pub mod color;
+pub mod detect;
 pub mod measure;
 pub mod normalize;
 pub mod pipeline;
@@ -101,4 +103,5 @@ mod initial_body;
 
 pub use pirouette_body as body;
 pub use pirouette_geom as geom;
+pub use pirouette_pose as pose;
 pub use pirouette_segment as segmentation;

@@ -71,6 +71,17 @@ pub struct CameraSetup {
     pub pitch_radians: Option<f64>,
 }
 
+/// Origin of the keypoints of a view
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub enum KeypointSource {
+    /// A file, by any detector
+    #[default]
+    Given,
+    /// Detected in the photo: see [`crate::detect`]
+    BlazePose,
+}
+
 /// One photo of the person with what was detected in it
 #[derive(Debug, Clone)]
 pub struct View {
@@ -84,6 +95,8 @@ pub struct View {
     pub turn: TurnAngle,
     /// Detected joints, in px of the photo
     pub keypoints: Keypoints,
+    /// Origin of the keypoints
+    pub keypoints_from: KeypointSource,
     /// A given silhouette, size of `photo`; replaces segmentation
     pub mask: Option<Mask>,
 }

@@ -4,6 +4,7 @@ mod arap;
 mod avatar;
 mod demo;
 mod eval;
+mod models;
 mod scan;
 mod size;
 
@@ -16,6 +17,7 @@ pub use eval::{
     EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalPhotosArgs, EvalPublishedArgs, EvalScansArgs,
     EvalTable, EvalTapesArgs,
 };
+pub use models::{ModelsAction, ModelsArgs};
 pub use scan::{Method, MethodArgs, ScanArgs};
 pub use size::SizeArgs;
 
@@ -85,6 +87,9 @@ pub enum Command {
     /// Evaluate accuracy on rendered people or against ground truth
     #[command(after_help = eval::EVAL_HELP)]
     Eval(EvalArgs),
+    /// Install or list the networks of the pose detector
+    #[command(after_help = models::MODELS_HELP)]
+    Models(ModelsArgs),
     /// Print shell completions
     #[command(after_help = COMPLETIONS_HELP)]
     Completions {

@@ -59,6 +59,10 @@ pub struct MethodArgs {
     #[arg(long, value_name = "FILE.glb|.vrm")]
     pub avatar: Option<PathBuf>,
 
+    /// Network of the pose detector, for photos without a keypoint file [default: the installed one]
+    #[arg(long, value_name = "FILE")]
+    pub pose_model: Option<PathBuf>,
+
     /// Register each silhouette to that of the reference by a rigid motion [default with three-step]
     #[arg(long, overrides_with = "no_register")]
     pub register: bool,

@@ -17,8 +17,9 @@ use crate::formats::manifest;
 use crate::formats::manifest::{Manifest, ManifestView};
 use crate::formats::photo::decode_photo;
 use crate::source::Source;
-use pirouette::scan::{CameraSetup, Photo, Scan, StatureFrom, View};
+use pirouette::scan::{CameraSetup, KeypointSource, Photo, Scan, StatureFrom, View};
 use pirouette_body::TurnAngle;
+pub(crate) use view::scale_keypoints;
 use view::{LoadedView, keypoint_paths, load_view};
 
 pub use problem::{ScanError, ScanWarning, ViewError};
@@ -38,6 +39,8 @@ pub struct LoadOptions {
     /// A rotated or cropped photo means another camera: only the silhouettes of such views can be consistent with the
     /// others.
     pub one_shape: bool,
+    /// Whether views without a keypoint file are loaded without keypoints; otherwise they are unusable
+    pub without_keypoints: bool,
 }
 
 impl Default for LoadOptions {
@@ -45,6 +48,7 @@ impl Default for LoadOptions {
         Self {
             max_side_px: 1600,
             one_shape: true,
+            without_keypoints: false,
         }
     }
 }
@@ -76,6 +80,8 @@ pub struct LoadedScan {
     pub failed: Vec<FailedView>,
     /// Automatic corrections
     pub warnings: Vec<ScanWarning>,
+    /// Indices of the views without a keypoint file
+    pub without_keypoints: Vec<usize>,
     /// Source of the photos
     source: Source,
     /// The photo file of each usable view
@@ -83,6 +89,26 @@ pub struct LoadedScan {
 }
 
 impl LoadedScan {
+    /// Moves usable views to the unusable ones, with the reason; indices of other views change
+    pub(crate) fn reject(&mut self, rejected: Vec<(usize, ViewError)>) {
+        for (index, reason) in rejected.into_iter().rev() {
+            let view = self.scan.views.remove(index);
+            self.files.remove(index);
+            self.scan.unusable_view_count += 1;
+            self.failed.push(FailedView {
+                view: view.name,
+                turn: view.turn,
+                reason,
+            });
+        }
+        self.without_keypoints.clear();
+    }
+
+    /// Returns the photo file of a view
+    pub fn photo_file(&self, view: usize) -> &str {
+        &self.files[view]
+    }
+
     /// Reads the photo of a view again at its original size; `None` if the file is missing or was changed
     pub fn full_size_photo(&self, view: usize) -> Option<Photo> {
         let (file, view) = (self.files.get(view)?, self.scan.views.get(view)?);
@@ -155,13 +181,13 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
 
     let mut loaded: Vec<_> = entries
         .par_iter()
-        .map(|entry| load_view(&source, entry, options.max_side_px))
+        .map(|entry| load_view(&source, entry, options))
         .collect();
     if options.one_shape {
         reject_other_shapes(&mut loaded);
     }
     let (mut views, mut failed, mut fields_of_view) = (Vec::new(), Vec::new(), Vec::new());
-    let mut files = Vec::new();
+    let (mut files, mut without_keypoints) = (Vec::new(), Vec::new());
     for (index, (entry, result)) in entries.iter().zip(loaded).enumerate() {
         let name = manifest::stem(&entry.image);
         let turn = turn(index);
@@ -173,6 +199,9 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                         people_count: loaded.people_count,
                     });
                 }
+                if !loaded.has_keypoint_file {
+                    without_keypoints.push(views.len());
+                }
                 fields_of_view.extend(loaded.vertical_fov_radians);
                 files.push(entry.image.clone());
                 views.push(View {
@@ -181,6 +210,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                     input_size_px: loaded.input_size_px,
                     turn,
                     keypoints: loaded.keypoints,
+                    keypoints_from: KeypointSource::Given,
                     mask: loaded.mask,
                 });
             }
@@ -211,6 +241,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
         },
         failed,
         warnings,
+        without_keypoints,
         source,
         files,
     })

@@ -62,13 +62,17 @@ pub enum ViewError {
         source: KeypointsError,
     },
     #[error(
-        "no keypoints: there is no {file} next to the photo or in keypoints/ (OpenPose JSON, BODY_25)"
+        "no keypoints: there is no {file} next to the photo or in keypoints/ (OpenPose JSON, BODY_25), and no pose detector is installed: run 'pirouette models install'"
     )]
     NoKeypointFile { file: String },
     #[error(
         "no keypoints: {file} contains no person; repeat the detection with a clearer photo, or provide a mask in scan.json"
     )]
     NoPerson { file: String },
+    #[error(
+        "no person was detected in {file}; show the person from head to toe, or provide keypoints"
+    )]
+    NotDetected { file: String },
     #[error(
         "{file} has {mask_width} x {mask_height} px, but the photo {photo_width} x {photo_height} px"
     )]

@@ -5,7 +5,7 @@ use std::fs;
 
 use crate::formats::photo;
 use crate::source::SourceError;
-use pirouette::scan::{Photo, Subject};
+use pirouette::scan::{KeypointSource, Photo, Subject};
 use pirouette_body::{Joint, Keypoints, Sex};
 
 struct TestFolder(tempfile::TempDir);
@@ -260,6 +260,7 @@ fn a_written_scan_reads_back_unchanged() {
         input_size_px: (40, 50),
         turn: TurnAngle::from_degrees(30.0),
         keypoints,
+        keypoints_from: KeypointSource::Given,
         mask: Some(Mask::from_vec(
             40,
             50,

@@ -5,7 +5,7 @@ use std::io;
 
 use pirouette_geom::Mask;
 
-use super::{MAX_JSON_BYTES, ViewError};
+use super::{LoadOptions, MAX_JSON_BYTES, ViewError};
 use crate::formats::manifest::ManifestView;
 use crate::formats::{manifest, openpose, photo};
 use crate::source::{MAX_ENTRY_BYTES, Source};
@@ -21,15 +21,16 @@ pub(super) struct LoadedView {
     pub(super) input_size_px: (usize, usize),
     pub(super) keypoints: Keypoints,
     pub(super) people_count: usize,
+    pub(super) has_keypoint_file: bool,
     pub(super) mask: Option<Mask>,
     pub(super) vertical_fov_radians: Option<f64>,
 }
 
-/// Reads the files of one view, and shrinks photos larger than `max_side_px`
+/// Reads the files of one view, and shrinks large photos
 pub(super) fn load_view(
     source: &Source,
     entry: &ManifestView,
-    max_side_px: usize,
+    options: &LoadOptions,
 ) -> Result<LoadedView, ViewError> {
     let image = &entry.image;
     let bytes = read_file(source, image, MAX_PHOTO_BYTES)?;
@@ -43,8 +44,14 @@ pub(super) fn load_view(
     let mask = entry.mask.as_ref();
     let mask = mask.map(|file| load_mask(source, file, width, height));
     let mask = mask.transpose()?;
-    let (mut keypoints, people_count) = load_keypoints(source, entry, width, height)?;
-    let photo = photo::shrink(decoded.photo, max_side_px);
+    let found = load_keypoints(source, entry, width, height)?;
+    if found.is_none() && mask.is_none() && !options.without_keypoints {
+        let [file, _] = keypoint_paths(image);
+        return Err(ViewError::NoKeypointFile { file });
+    }
+    let has_keypoint_file = found.is_some();
+    let (mut keypoints, people_count) = found.unwrap_or_default();
+    let photo = photo::shrink(decoded.photo, options.max_side_px);
     if mask.is_none() {
         photo::check_contrast(&photo).map_err(in_photo)?;
     }
@@ -63,6 +70,7 @@ pub(super) fn load_view(
         input_size_px: (width, height),
         keypoints,
         people_count,
+        has_keypoint_file,
         mask,
         vertical_fov_radians: decoded.vertical_fov_radians,
     })
@@ -116,24 +124,20 @@ pub(super) fn keypoint_paths(image: &str) -> [String; 2] {
     [sibling, format!("keypoints/{file}")]
 }
 
-/// Returns the person's keypoints and the number of people; keypoints are optional if a mask is given
+/// Returns the person's keypoints and the number of people; `None` without a keypoint file
 fn load_keypoints(
     source: &Source,
     entry: &ManifestView,
     width_px: usize,
     height_px: usize,
-) -> Result<(Keypoints, usize), ViewError> {
+) -> Result<Option<(Keypoints, usize)>, ViewError> {
     let paths = keypoint_paths(&entry.image);
     let file = match &entry.keypoints {
         Some(file) => Some(file),
         None => paths.iter().find(|path| source.contains(path)),
     };
     let Some(file) = file else {
-        let [file, _] = paths;
-        return match entry.mask {
-            Some(_) => Ok((Keypoints::default(), 0)),
-            None => Err(ViewError::NoKeypointFile { file }),
-        };
+        return Ok(None);
     };
     let json = read_file(source, file, MAX_JSON_BYTES)?;
     let detection = openpose::parse_keypoints(&json, width_px, height_px).map_err(|source| {
@@ -145,10 +149,11 @@ fn load_keypoints(
     if detection.keypoints.found_count() == 0 && entry.mask.is_none() {
         return Err(ViewError::NoPerson { file: file.clone() });
     }
-    Ok((detection.keypoints, detection.people_count))
+    Ok(Some((detection.keypoints, detection.people_count)))
 }
 
-fn scale_keypoints(keypoints: &Keypoints, scale: glam::DVec2) -> Keypoints {
+/// Returns keypoints in px of a photo of another size
+pub(crate) fn scale_keypoints(keypoints: &Keypoints, scale: glam::DVec2) -> Keypoints {
     let mut scaled = Keypoints::default();
     for (joint, mut keypoint) in keypoints.iter() {
         keypoint.position *= scale;

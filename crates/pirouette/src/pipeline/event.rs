@@ -11,6 +11,8 @@ use crate::pipeline::Warning;
 pub enum Stage {
     /// Reads photos and keypoints
     Load,
+    /// Detects keypoints in photos without a keypoint file
+    Detect,
     /// Builds or reads the reference avatar
     Avatar,
     /// Fits one skeleton to the keypoints of all views
@@ -36,6 +38,7 @@ impl Stage {
     pub fn name(self) -> &'static str {
         match self {
             Stage::Load => "load",
+            Stage::Detect => "detect",
             Stage::Avatar => "avatar",
             Stage::SkeletonFit => "skeleton",
             Stage::Prior => "prior",

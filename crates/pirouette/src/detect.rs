@@ -1,0 +1,204 @@
+//! Detection of the person's keypoints in photos, by the pose networks of [`pirouette_pose`].
+//!
+//! The camera is static, so the person is searched in one photo, and the region found there is used for all photos of the
+//! same size. The 33 landmarks are converted to BODY_25: neck and mid hip are midpoints, small toes are missing, and nose
+//! and eyes are omitted where the person is seen from behind, where the network invents them.
+//!
+//! # Source
+//! V. Bazarevsky et al. 2020, "BlazePose: On-device Real-time Body Pose tracking".
+
+use std::sync::OnceLock;
+
+use glam::DVec2;
+use pirouette_body::{Joint, Keypoint, Keypoints};
+use pirouette_geom::parallel::prelude::*;
+use pirouette_pose::{Detection, PoseModel, Region};
+
+use crate::scan::Photo;
+
+/// Passes of the network for each photo
+const PASSES: usize = 2;
+
+/// Presence of a person, 0 to 1, below which a region contains none
+const MIN_PRESENCE: f64 = 0.9;
+
+/// Confidence of all landmarks
+///
+/// The network's own visibility is no measure of accuracy: it is 1 for a face that is invented. Errors are about 1 % of
+/// the stature, which is the standard deviation that the skeleton fit assumes for this confidence.
+const CONFIDENCE: f64 = 0.6;
+
+/// Landmarks of the network with the joints that they are
+const LANDMARKS: [(Joint, usize); 21] = [
+    (Joint::Nose, 0),
+    (Joint::RightShoulder, 12),
+    (Joint::RightElbow, 14),
+    (Joint::RightWrist, 16),
+    (Joint::LeftShoulder, 11),
+    (Joint::LeftElbow, 13),
+    (Joint::LeftWrist, 15),
+    (Joint::RightHip, 24),
+    (Joint::RightKnee, 26),
+    (Joint::RightAnkle, 28),
+    (Joint::LeftHip, 23),
+    (Joint::LeftKnee, 25),
+    (Joint::LeftAnkle, 27),
+    (Joint::RightEye, 5),
+    (Joint::LeftEye, 2),
+    (Joint::RightEar, 8),
+    (Joint::LeftEar, 7),
+    (Joint::LeftBigToe, 31),
+    (Joint::LeftHeel, 29),
+    (Joint::RightBigToe, 32),
+    (Joint::RightHeel, 30),
+];
+
+/// Landmarks that are invented where the person is seen from behind
+const FACE: [Joint; 3] = [Joint::Nose, Joint::LeftEye, Joint::RightEye];
+
+/// Detects the keypoints of the person in each photo, in px of the photo; `None` where no person is found
+///
+/// `on_photo_done` is called after each photo, from any thread. After `cancelled` returns true, photos without a result
+/// have `None`.
+pub fn detect_keypoints(
+    model: &PoseModel,
+    photos: &[&Photo],
+    on_photo_done: &(dyn Fn() + Sync),
+    cancelled: &(dyn Fn() -> bool + Sync),
+) -> Vec<Option<Keypoints>> {
+    // The size of the photo and the region of the person in the first photo that shows one
+    let first = OnceLock::new();
+    for photo in photos {
+        if cancelled() || first.get().is_some() {
+            break;
+        }
+        if let Some(region) = as_input(photo).and_then(|photo| model.search(&photo)) {
+            first.get_or_init(|| ((photo.width(), photo.height()), region));
+        }
+    }
+    let detect = |photo: &&Photo| {
+        let known = first.get().filter(|_| !cancelled());
+        let found = known.and_then(|(size, region)| {
+            let region = (*size == (photo.width(), photo.height())).then_some(*region);
+            detect_in(model, photo, region)
+        });
+        on_photo_done();
+        found
+    };
+    photos.par_iter().map(detect).collect()
+}
+
+/// Detects the person in one photo, in a region if one is known and shows the person
+fn detect_in(model: &PoseModel, photo: &Photo, region: Option<Region>) -> Option<Keypoints> {
+    let photo = as_input(photo)?;
+    let detect = |region: Region| {
+        let detection = model.detect(&photo, &region, PASSES, false);
+        (detection.presence >= MIN_PRESENCE).then_some(detection)
+    };
+    let found = region.and_then(detect);
+    let found = found.or_else(|| model.search(&photo).and_then(detect))?;
+    Some(to_keypoints(&found))
+}
+
+/// Borrows a photo for the network; `None` if it is empty or too large
+fn as_input(photo: &Photo) -> Option<pirouette_pose::Photo<'_>> {
+    pirouette_pose::Photo::new(photo.width(), photo.height(), photo.as_slice()).ok()
+}
+
+/// Converts landmarks to BODY_25
+pub fn to_keypoints(detection: &Detection) -> Keypoints {
+    let mut keypoints = Keypoints::default();
+    for (joint, index) in LANDMARKS {
+        let position = DVec2::from_array(detection.landmarks[index].position);
+        let keypoint = Keypoint {
+            position,
+            confidence: CONFIDENCE,
+        };
+        if position.is_finite() {
+            keypoints.set(joint, keypoint);
+        }
+    }
+    for joint in Joint::MIDDLES {
+        let sides = joint
+            .middle_of()
+            .map(|sides| sides.map(|side| keypoints.found(side)));
+        if let Some([Some(left), Some(right)]) = sides {
+            let position = left.position.midpoint(right.position);
+            keypoints.set(joint, Keypoint { position, ..left });
+        }
+    }
+    if is_seen_from_behind(&keypoints) {
+        for joint in FACE {
+            keypoints.set(joint, Keypoint::default());
+        }
+    }
+    keypoints
+}
+
+/// Returns whether the left shoulder and hip are on the left side of the photo
+fn is_seen_from_behind(keypoints: &Keypoints) -> bool {
+    let across = |left: Joint, right: Joint| {
+        let x = |joint: Joint| keypoints.get(joint).position.x;
+        x(left) - x(right)
+    };
+    across(Joint::LeftShoulder, Joint::RightShoulder) + across(Joint::LeftHip, Joint::RightHip)
+        < 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pirouette_pose::{LANDMARK_COUNT, Landmark};
+
+    /// Landmarks at their index as x and twice the index as y, mirrored if seen from behind
+    fn detection(from_behind: bool) -> Detection {
+        let region = Region::new([50.0, 50.0], 100.0, 0.0).unwrap();
+        let landmark = |i: usize| {
+            let x = if from_behind { i as f64 } else { -(i as f64) };
+            Landmark {
+                position: [x, 2.0 * i as f64],
+                depth: 0.0,
+                visibility: 1.0,
+                presence: 1.0,
+            }
+        };
+        Detection {
+            landmarks: std::array::from_fn::<_, LANDMARK_COUNT, _>(landmark),
+            presence: 1.0,
+            region,
+            next_region: region,
+            mask: None,
+        }
+    }
+
+    #[test]
+    fn landmarks_become_joints_of_body_25() {
+        let keypoints = to_keypoints(&detection(false));
+        let y = |joint: Joint| keypoints.found(joint).map(|k| k.position.y);
+        assert_eq!(y(Joint::Nose), Some(0.0));
+        assert_eq!(y(Joint::LeftShoulder), Some(22.0));
+        assert_eq!(y(Joint::RightBigToe), Some(64.0));
+        assert_eq!(y(Joint::Neck), Some(23.0));
+        assert_eq!(y(Joint::MidHip), Some(47.0));
+        assert_eq!(y(Joint::LeftSmallToe), None);
+        assert_eq!(keypoints.found_count(), 23);
+    }
+
+    #[test]
+    fn an_invented_face_is_omitted() {
+        let keypoints = to_keypoints(&detection(true));
+        assert!(FACE.iter().all(|&joint| keypoints.found(joint).is_none()));
+        assert!(keypoints.found(Joint::LeftEar).is_some());
+        assert_eq!(keypoints.found_count(), 20);
+    }
+
+    #[test]
+    fn values_that_are_not_finite_are_no_keypoints() {
+        let mut poisoned = detection(false);
+        poisoned.landmarks[11].position[0] = f64::NAN;
+        let keypoints = to_keypoints(&poisoned);
+        assert_eq!(keypoints.found(Joint::LeftShoulder), None);
+        assert_eq!(keypoints.found(Joint::Neck), None);
+        assert_eq!(keypoints.found_count(), 21);
+    }
+}
