@@ -127,8 +127,8 @@ struct Step {
 
 /// Largest accepted memory of one run, in numbers of 4 bytes (256 MiB)
 const MAX_MEMORY: usize = 1 << 26;
-/// Largest accepted number of multiplications of one run; four times that of the largest known pose network
-const MAX_WORK: usize = 1 << 33;
+/// Largest accepted number of multiplications of one run; twice that of the largest known pose network
+const MAX_WORK: usize = 4_000_000_000;
 
 /// Memory of one run
 #[derive(Debug, Default)]

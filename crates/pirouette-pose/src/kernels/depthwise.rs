@@ -73,7 +73,7 @@ impl Depthwise {
 
     /// Length of the scratch memory
     pub(crate) fn scratch_len(&self) -> usize {
-        self.window.rows.kernel * self.ring_row_len() * LANES
+        (self.window.rows.kernel * LANES).saturating_mul(self.ring_row_len())
     }
 
     /// Blocks of values in one row of the ring
