@@ -48,7 +48,10 @@ impl Convolution {
         if self.is_pointwise() {
             0
         } else {
-            self.window.columns.count.saturating_mul(self.matrix.depth())
+            self.window
+                .columns
+                .count
+                .saturating_mul(self.matrix.depth())
         }
     }
 
