@@ -56,7 +56,7 @@ impl Convolution {
     }
 
     /// Tests whether each output pixel depends on the input pixel at the same place only.
-    fn is_pointwise(&self) -> bool {
+    pub(crate) fn is_pointwise(&self) -> bool {
         let single = |span: Span, size| {
             span == Span {
                 kernel: 1,
@@ -66,6 +66,11 @@ impl Convolution {
             }
         };
         single(self.window.rows, self.input.height) && single(self.window.columns, self.input.width)
+    }
+
+    /// Returns the weights of a pointwise convolution.
+    pub(crate) fn into_matrix(self) -> Matrix {
+        self.matrix
     }
 
     /// Computes the result; one row of windows at a time is copied to `scratch`.
