@@ -13,13 +13,14 @@ use crate::{Photo, Region};
 #[derive(Debug)]
 pub(crate) struct Pyramid<'a> {
     photo: Photo<'a>,
-    /// Reductions by 2, 4, 8, ...
+    /// Reductions that have been computed
     levels: Vec<Level>,
 }
 
-/// Photo averaged over squares
+/// Photo averaged over squares of `factor` px; columns and rows that do not fill a square are dropped
 #[derive(Debug)]
 struct Level {
+    factor: usize,
     width: usize,
     height: usize,
     pixels: Vec<[f32; 3]>,
@@ -39,55 +40,70 @@ impl<'a> Pyramid<'a> {
 
     /// Samples a region to `out`, `side * side` pixels with values from 0 to 1.
     pub(crate) fn sample(&mut self, region: &Region, side: usize, out: &mut [f32]) {
-        let step = region.size() / side as f64;
-        let wanted = step.max(1.0).log2() as usize;
-        let count = self.require_levels(wanted);
-        let Some(level) = count.checked_sub(1).and_then(|i| self.levels.get(i)) else {
-            let (width, height, pixels) =
-                (self.photo.width(), self.photo.height(), self.photo.pixels());
-            return sample(
-                Raster {
-                    width,
-                    height,
-                    pixels,
-                },
-                region,
-                1.0,
-                side,
-                out,
-            );
-        };
+        let factor = reduction(region.size() / side as f64, &self.photo);
+        if factor == 1 {
+            let (width, height) = (self.photo.width(), self.photo.height());
+            let raster = Raster {
+                width,
+                height,
+                pixels: self.photo.pixels(),
+            };
+            return sample(raster, region, 1.0, side, out);
+        }
+        let found = self.levels.iter().position(|level| level.factor == factor);
+        let index = found.unwrap_or_else(|| {
+            self.levels.push(reduce(&self.photo, factor));
+            self.levels.len() - 1
+        });
+        let level = &self.levels[index];
         let raster = Raster {
             width: level.width,
             height: level.height,
             pixels: &level.pixels,
         };
-        sample(raster, region, (1u64 << count) as f64, side, out);
+        sample(raster, region, factor as f64, side, out);
     }
+}
 
-    /// Computes reductions up to `wanted`, or as many as the photo has; returns the number of the last.
-    fn require_levels(&mut self, wanted: usize) -> usize {
-        while self.levels.len() < wanted {
-            let next = match self.levels.last() {
-                Some(l) => halve(Raster {
-                    width: l.width,
-                    height: l.height,
-                    pixels: &l.pixels,
-                }),
-                None => {
-                    let (width, height, pixels) =
-                        (self.photo.width(), self.photo.height(), self.photo.pixels());
-                    halve(Raster {
-                        width,
-                        height,
-                        pixels,
-                    })
-                }
-            };
-            let Some(next) = next else { break };
-            self.levels.push(next);
+/// Returns the largest power of two that is at most `step` and at most the shorter side of the photo.
+fn reduction(step: f64, photo: &Photo) -> usize {
+    let limit = photo.width().min(photo.height());
+    let mut factor = 1;
+    while (2 * factor) as f64 <= step && 2 * factor <= limit {
+        factor *= 2;
+    }
+    factor
+}
+
+/// Averages a photo over squares of `factor` px, at most the shorter side of the photo.
+fn reduce(photo: &Photo, factor: usize) -> Level {
+    let (width, height) = (photo.width() / factor, photo.height() / factor);
+    let scale = 1.0 / (factor * factor) as f32;
+    let mut column_sums = vec![0u32; 3 * photo.width()];
+    let mut pixels = Vec::with_capacity(width * height);
+    for rows in photo.pixels().chunks_exact(factor * photo.width()) {
+        column_sums.fill(0);
+        for row in rows.chunks_exact(photo.width()) {
+            column_sums
+                .iter_mut()
+                .zip(row.as_flattened())
+                .for_each(|(sum, &v)| *sum += u32::from(v));
         }
-        wanted.min(self.levels.len())
+        for columns in column_sums.as_chunks::<3>().0.chunks_exact(factor) {
+            let mut sum = [0u64; 3];
+            for column in columns {
+                sum.iter_mut()
+                    .zip(column)
+                    .for_each(|(sum, &v)| *sum += u64::from(v));
+            }
+            pixels.push(sum.map(|v| v as f32 * scale));
+        }
+    }
+    Level {
+        factor,
+        width,
+        height,
+        pixels,
     }
 }
 
@@ -97,35 +113,6 @@ struct Raster<'a, T> {
     width: usize,
     height: usize,
     pixels: &'a [[T; 3]],
-}
-
-/// Averages squares of 2 x 2 pixels; an odd last row or column is dropped. `None` if a side has one pixel.
-fn halve<T: Copy>(raster: Raster<T>) -> Option<Level>
-where
-    f32: From<T>,
-{
-    let (width, height) = (raster.width / 2, raster.height / 2);
-    if width == 0 || height == 0 {
-        return None;
-    }
-    let mut pixels = Vec::with_capacity(width * height);
-    for rows in raster.pixels.chunks_exact(2 * raster.width).take(height) {
-        let (top, bottom) = rows.split_at(raster.width);
-        for (top, bottom) in top.as_chunks::<2>().0.iter().zip(bottom.as_chunks::<2>().0) {
-            let sum = |c: usize| {
-                f32::from(top[0][c])
-                    + f32::from(top[1][c])
-                    + f32::from(bottom[0][c])
-                    + f32::from(bottom[1][c])
-            };
-            pixels.push([sum(0) / 4.0, sum(1) / 4.0, sum(2) / 4.0]);
-        }
-    }
-    Some(Level {
-        width,
-        height,
-        pixels,
-    })
 }
 
 /// Samples a raster whose pixels are averages over `factor` px of the photo.
@@ -184,7 +171,7 @@ where
 
 #[cfg(test)]
 mod tests {
-    use super::Pyramid;
+    use super::{Pyramid, reduce, reduction};
     use crate::{Photo, Region};
 
     /// Samples the red channel.
@@ -240,6 +227,22 @@ mod tests {
         let photo = Photo::new(8, 8, &pixels).unwrap();
         let found = reds(photo, Region::new([5.0, 5.0], 4.0, 0.3).unwrap(), 1);
         assert_near(&found, &[150.0]);
+    }
+
+    #[test]
+    fn reduce_averages_squares_and_drops_incomplete_ones() {
+        let pixels: Vec<[u8; 3]> = (0..15).map(|i| [i, 2 * i, 255]).collect();
+        let level = reduce(&Photo::new(5, 3, &pixels).unwrap(), 2);
+        assert_eq!((level.width, level.height), (2, 1));
+        assert_eq!(level.pixels, [[3.0, 6.0, 255.0], [5.0, 10.0, 255.0]]);
+    }
+
+    #[test]
+    fn reductions_are_powers_of_two_up_to_the_step_and_the_photo() {
+        let pixels = [[0; 3]; 50];
+        let photo = Photo::new(10, 5, &pixels).unwrap();
+        let found = [0.1, 1.9, 2.0, 3.9, 4.0, 1e6].map(|step| reduction(step, &photo));
+        assert_eq!(found, [1, 1, 2, 2, 4, 4]);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! operators whose results they read, and each tensor is computed once.
 
 mod build;
+mod fuse;
 mod site;
 
 use crate::ModelError;
@@ -11,6 +12,7 @@ use crate::flatbuffer::check_limit;
 use crate::kernels::convolution::Convolution;
 use crate::kernels::depthwise::Depthwise;
 use crate::kernels::elementwise::{Pad, add, logistic};
+use crate::kernels::expanded::Expanded;
 use crate::kernels::pool::MaxPool;
 use crate::kernels::resize::Resize;
 use crate::kernels::{Activation, Shape};
@@ -21,6 +23,7 @@ use crate::tflite::File;
 pub(crate) enum Kernel {
     Convolution(Convolution),
     Depthwise(Depthwise),
+    Expanded(Expanded),
     MaxPool(MaxPool),
     Pad(Pad),
     Resize(Resize),
@@ -34,6 +37,7 @@ impl Kernel {
         match self {
             Self::Convolution(k) => k.result(),
             Self::Depthwise(k) => k.result(),
+            Self::Expanded(k) => k.result(),
             Self::MaxPool(k) => k.window.result(k.input.channels),
             Self::Pad(k) => k.result(),
             Self::Resize(k) => k.result(),
@@ -46,6 +50,7 @@ impl Kernel {
         match self {
             Self::Convolution(k) => k.work(),
             Self::Depthwise(k) => k.work(),
+            Self::Expanded(k) => k.work(),
             Self::MaxPool(k) => self.result().len().saturating_mul(k.window.area()),
             _ => self.result().len(),
         }
@@ -56,6 +61,7 @@ impl Kernel {
         match self {
             Self::Convolution(k) => k.scratch_len(),
             Self::Depthwise(k) => k.scratch_len(),
+            Self::Expanded(k) => k.scratch_len(),
             _ => 0,
         }
     }
@@ -65,6 +71,7 @@ impl Kernel {
         match self {
             Self::Convolution(k) => k.run(input, out, scratch),
             Self::Depthwise(k) => k.run(input, out, scratch),
+            Self::Expanded(k) => k.run(input, out, scratch),
             Self::MaxPool(k) => k.run(input, out),
             Self::Pad(k) => k.run(input, out),
             Self::Resize(k) => k.run(input, out),
@@ -87,6 +94,13 @@ pub(crate) struct Node {
     pub(crate) output: usize,
 }
 
+impl Node {
+    /// Numbers of the values that it reads, each once
+    fn distinct_inputs(&self) -> &[usize] {
+        &self.inputs[..1 + usize::from(self.inputs[0] != self.inputs[1])]
+    }
+}
+
 /// Network in which all shapes and indices are checked
 #[derive(Debug)]
 pub(crate) struct Graph {
@@ -102,7 +116,7 @@ impl Graph {
     /// Reads a network with one input.
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, ModelError> {
         let file = File::read(bytes)?;
-        build::Builder::new(&file, bytes.len())?.build()
+        Ok(build::Builder::new(&file, bytes.len())?.build()?.fused())
     }
 }
 
@@ -127,8 +141,8 @@ struct Step {
 
 /// Largest accepted memory of one run, in numbers of 4 bytes (256 MiB)
 const MAX_MEMORY: usize = 1 << 26;
-/// Largest accepted number of multiplications of one run; four times that of the largest known pose network
-const MAX_WORK: usize = 1 << 33;
+/// Largest accepted number of multiplications of one run; twice that of the largest known pose network
+const MAX_WORK: usize = 4_000_000_000;
 
 /// Memory of one run
 #[derive(Debug, Default)]
@@ -157,7 +171,7 @@ impl Schedule {
                 inputs: node.inputs.map(|v| slots.slot_of[v]),
                 output: slots.slot_of[node.output],
             });
-            for &value in &node.inputs[..1 + usize::from(node.inputs[0] != node.inputs[1])] {
+            for &value in node.distinct_inputs() {
                 if last_use[value] == Some(i) {
                     slots.release(value);
                 }

@@ -48,12 +48,15 @@ impl Convolution {
         if self.is_pointwise() {
             0
         } else {
-            self.window.columns.count * self.matrix.depth()
+            self.window
+                .columns
+                .count
+                .saturating_mul(self.matrix.depth())
         }
     }
 
     /// Tests whether each output pixel depends on the input pixel at the same place only.
-    fn is_pointwise(&self) -> bool {
+    pub(crate) fn is_pointwise(&self) -> bool {
         let single = |span: Span, size| {
             span == Span {
                 kernel: 1,
@@ -63,6 +66,11 @@ impl Convolution {
             }
         };
         single(self.window.rows, self.input.height) && single(self.window.columns, self.input.width)
+    }
+
+    /// Returns the weights of a pointwise convolution.
+    pub(crate) fn into_matrix(self) -> Matrix {
+        self.matrix
     }
 
     /// Computes the result; one row of windows at a time is copied to `scratch`.

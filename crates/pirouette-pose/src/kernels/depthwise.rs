@@ -9,7 +9,7 @@ use super::window::{MAX_KERNEL, Window};
 use super::{Activation, Shape, multiply_add};
 
 /// Channels of a block
-const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 
 /// Depthwise convolution with its weights
 #[derive(Debug)]
@@ -73,7 +73,7 @@ impl Depthwise {
 
     /// Length of the scratch memory
     pub(crate) fn scratch_len(&self) -> usize {
-        self.window.rows.kernel * self.ring_row_len() * LANES
+        (self.window.rows.kernel * LANES).saturating_mul(self.ring_row_len())
     }
 
     /// Blocks of values in one row of the ring
@@ -83,29 +83,57 @@ impl Depthwise {
 
     /// Computes the result.
     pub(crate) fn run(&self, input: &[f32], out: &mut [f32], scratch: &mut [f32]) {
+        let row_len = self.input.row_len();
+        self.run_with(out, scratch, |row, slot| {
+            self.load_row(&input[row * row_len..][..row_len], slot)
+        });
+    }
+
+    /// Computes the result from rows of the input that `load` writes to the ring.
+    ///
+    /// `load` is called with the number of a row and its place in the ring: blocks of [`LANES`] channels, each of
+    /// [`Self::ring_columns`] pixels. Columns of padding are zero and must not be written.
+    pub(crate) fn run_with(
+        &self,
+        out: &mut [f32],
+        scratch: &mut [f32],
+        load: impl Fn(usize, &mut [[f32; LANES]]),
+    ) {
         scratch.fill(0.0);
         let (ring, _) = scratch.as_chunks_mut::<LANES>();
-        let rows = self.window.rows;
+        let (rows, ring_row_len) = (self.window.rows, self.ring_row_len());
         let mut loaded = 0;
         for (y, out) in out.chunks_exact_mut(self.result().row_len()).enumerate() {
             let first = y * rows.stride;
             for padded_row in loaded.max(first)..first + rows.kernel {
                 let slot = padded_row % rows.kernel;
-                let slot = &mut ring[slot * self.ring_row_len()..][..self.ring_row_len()];
+                let slot = &mut ring[slot * ring_row_len..][..ring_row_len];
                 match padded_row
                     .checked_sub(rows.before)
                     .filter(|&row| row < self.input.height)
                 {
-                    Some(row) => self.load_row(
-                        &input[row * self.input.row_len()..][..self.input.row_len()],
-                        slot,
-                    ),
+                    Some(row) => load(row, slot),
                     None => slot.fill([0.0; LANES]),
                 }
             }
             loaded = first + rows.kernel;
             self.run_row(ring, first, out);
         }
+    }
+
+    /// Size of the input
+    pub(crate) fn input(&self) -> Shape {
+        self.input
+    }
+
+    /// Numbers of pixels of a row of the ring, of the padding before the image, and of the image
+    pub(crate) fn ring_columns(&self) -> [usize; 3] {
+        let (covered, before) = (self.window.columns.covered(), self.window.columns.before);
+        [
+            covered,
+            before,
+            self.input.width.min(covered.saturating_sub(before)),
+        ]
     }
 
     /// Copies a row of the input to a row of the ring.

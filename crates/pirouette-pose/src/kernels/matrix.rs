@@ -69,55 +69,73 @@ impl Matrix {
 
     /// Computes one row of `out` per row of `input`.
     pub(crate) fn multiply(&self, input: &[f32], out: &mut [f32]) {
-        let blocks = input
-            .chunks(ROWS * self.depth)
-            .zip(out.chunks_mut(ROWS * self.outputs));
-        for (input, out) in blocks {
-            self.multiply_block(input, out);
+        self.multiply_to(
+            input,
+            &mut Rows {
+                out,
+                outputs: self.outputs,
+            },
+        );
+    }
+
+    /// Computes one row per row of `input` and passes blocks of results to `sink`.
+    pub(crate) fn multiply_to(&self, input: &[f32], sink: &mut impl Sink) {
+        let rows = input.len() / self.depth;
+        let mut row = 0;
+        while row < rows {
+            let input = &input[row * self.depth..];
+            row += match rows - row {
+                // 8 rows are 4 and 4, since single rows take longest.
+                4 | 5 | 8 => self.multiply_rows::<4>(input, row, sink),
+                6.. => self.multiply_rows::<ROWS>(input, row, sink),
+                _ => self.multiply_rows::<1>(input, row, sink),
+            };
         }
     }
 
-    /// Computes up to [`ROWS`] rows.
-    fn multiply_block(&self, input: &[f32], out: &mut [f32]) {
-        let rows = out.len() / self.outputs;
-        if rows == ROWS {
-            return self.multiply_rows::<ROWS>(input, out);
-        }
-        let (mut input, mut out) = (input, out);
-        let mut remaining = rows;
-        while remaining > 0 {
-            let count = if remaining >= 4 { 4 } else { 1 };
-            let (now, later) = out.split_at_mut(count * self.outputs);
-            match count {
-                4 => self.multiply_rows::<4>(input, now),
-                _ => self.multiply_rows::<1>(input, now),
-            }
-            input = &input[count * self.depth..];
-            (out, remaining) = (later, remaining - count);
-        }
-    }
-
-    /// Computes `R` rows, one panel after the other.
-    fn multiply_rows<const R: usize>(&self, input: &[f32], out: &mut [f32]) {
+    /// Computes `R` rows, one panel after the other, and returns `R`.
+    fn multiply_rows<const R: usize>(
+        &self,
+        input: &[f32],
+        row: usize,
+        sink: &mut impl Sink,
+    ) -> usize {
         let rows: [&[f32]; R] = std::array::from_fn(|i| &input[i * self.depth..][..self.depth]);
         let (wide_bias, narrow_bias) = self.bias.as_chunks::<WIDE>();
-        let mut first = 0;
+        let mut channel = 0;
         for (panel, bias) in self.wide.chunks_exact(self.depth).zip(wide_bias) {
-            let sums = product(rows, panel, bias, self.activation);
-            self.store(&sums, first, out);
-            first += WIDE;
+            sink.put(row, channel, &product(rows, panel, bias, self.activation));
+            channel += WIDE;
         }
         if let Some(bias) = narrow_bias.first_chunk::<NARROW>() {
-            let sums = product(rows, &self.narrow, bias, self.activation);
-            self.store(&sums, first, out);
+            sink.put(
+                row,
+                channel,
+                &product(rows, &self.narrow, bias, self.activation),
+            );
         }
+        R
     }
+}
 
-    /// Writes the sums of channels `first..` of each row.
+/// Receives the results of a product
+pub(crate) trait Sink {
+    /// Stores `L` channels from `channel` of rows from `row`; channels beyond the last are to be ignored.
+    fn put<const L: usize>(&mut self, row: usize, channel: usize, sums: &[[f32; L]]);
+}
+
+/// Results row by row
+struct Rows<'a> {
+    out: &'a mut [f32],
+    outputs: usize,
+}
+
+impl Sink for Rows<'_> {
     #[inline(always)]
-    fn store<const L: usize>(&self, sums: &[[f32; L]], first: usize, out: &mut [f32]) {
-        for (sums, row) in sums.iter().zip(out.chunks_exact_mut(self.outputs)) {
-            let row = &mut row[first..];
+    fn put<const L: usize>(&mut self, row: usize, channel: usize, sums: &[[f32; L]]) {
+        let rows = self.out[row * self.outputs..].chunks_exact_mut(self.outputs);
+        for (sums, row) in sums.iter().zip(rows) {
+            let row = &mut row[channel..];
             if let Some(whole) = row.first_chunk_mut::<L>() {
                 *whole = *sums;
             } else {

@@ -7,6 +7,7 @@
 pub(crate) mod convolution;
 pub(crate) mod depthwise;
 pub(crate) mod elementwise;
+pub(crate) mod expanded;
 pub(crate) mod matrix;
 pub(crate) mod pool;
 pub(crate) mod resize;
