@@ -199,6 +199,10 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                         people_count: loaded.people_count,
                     });
                 }
+                if let Some(file) = loaded.missing_keypoint_file {
+                    let view = name.clone();
+                    warnings.push(ScanWarning::KeypointFileMissing { view, file });
+                }
                 if !loaded.has_keypoint_file {
                     without_keypoints.push(views.len());
                 }

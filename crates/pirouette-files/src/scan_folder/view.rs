@@ -22,6 +22,8 @@ pub(super) struct LoadedView {
     pub(super) keypoints: Keypoints,
     pub(super) people_count: usize,
     pub(super) has_keypoint_file: bool,
+    /// A keypoint file that the manifest names, but does not exist
+    pub(super) missing_keypoint_file: Option<String>,
     pub(super) mask: Option<Mask>,
     pub(super) vertical_fov_radians: Option<f64>,
 }
@@ -44,7 +46,11 @@ pub(super) fn load_view(
     let mask = entry.mask.as_ref();
     let mask = mask.map(|file| load_mask(source, file, width, height));
     let mask = mask.transpose()?;
-    let found = load_keypoints(source, entry, width, height)?;
+    let (found, missing_keypoint_file) = match load_keypoints(source, entry, width, height) {
+        Ok(found) => (found, None),
+        Err(ViewError::Missing { file }) if options.without_keypoints => (None, Some(file)),
+        Err(error) => return Err(error),
+    };
     if found.is_none() && mask.is_none() && !options.without_keypoints {
         let [file, _] = keypoint_paths(image);
         return Err(ViewError::NoKeypointFile { file });
@@ -71,6 +77,7 @@ pub(super) fn load_view(
         keypoints,
         people_count,
         has_keypoint_file,
+        missing_keypoint_file,
         mask,
         vertical_fov_radians: decoded.vertical_fov_radians,
     })
