@@ -16,8 +16,8 @@ const HEAT_MAPS: usize = 3;
 
 /// Network that finds the landmarks of one person in a region of a photo
 ///
-/// Can be used from several threads at once. Each call uses its own memory, which is kept for later calls: 7 MB (9 MB with mask) per
-/// simultaneous call for the `full` model.
+/// Can be used from several threads at once. Each call uses its own memory, which is kept for later calls: for the
+/// `full` model 7 MB, with mask 9 MB, per simultaneous call.
 #[derive(Debug)]
 pub struct PoseModel {
     graph: Graph,
