@@ -289,3 +289,89 @@ impl Slots {
         self.free.push(self.slot_of[value]);
     }
 }
+
+#[cfg(test)]
+#[path = "../tests/tiny_model/mod.rs"]
+mod tiny_model;
+
+#[cfg(test)]
+mod tests {
+    use super::tiny_model::tiny_model;
+    use super::{Graph, Kernel, Schedule, build};
+    use crate::kernels::testing::{assert_close, noise};
+    use crate::tflite::File;
+
+    /// Computes all values one after the other, each with its own memory.
+    fn run_reference(graph: &Graph, input: &[f32]) -> Vec<Vec<f32>> {
+        let mut values = vec![input.to_vec(); graph.values.len()];
+        for node in &graph.nodes {
+            let mut out = vec![f32::NAN; graph.values[node.output].len()];
+            let mut scratch = vec![f32::NAN; node.kernel.scratch_len()];
+            let [first, second] = node.inputs.map(|value| &values[value][..]);
+            node.kernel.run(first, second, &mut out, &mut scratch);
+            values[node.output] = out;
+        }
+        values
+    }
+
+    #[test]
+    fn schedules_of_the_fused_graph_equal_the_operators_one_after_the_other() {
+        let bytes = tiny_model();
+        let file = File::read(&bytes).unwrap();
+        let graph = build::Builder::new(&file, bytes.len())
+            .unwrap()
+            .build()
+            .unwrap();
+        let input = noise(graph.values[0].len(), 1);
+        let expected = run_reference(&graph, &input);
+        let fused = graph.fused();
+        assert_eq!(
+            fused
+                .nodes
+                .iter()
+                .filter(|n| matches!(n.kernel, Kernel::Expanded(_)))
+                .count(),
+            1
+        );
+
+        // Each set of outputs, in memory that the run before has used
+        for set in 1..1usize << fused.outputs.len() {
+            let outputs: Vec<usize> = (0..fused.outputs.len())
+                .filter(|i| set >> i & 1 == 1)
+                .map(|i| fused.outputs[i])
+                .collect();
+            let schedule = Schedule::new(&fused, &outputs).unwrap();
+            let mut memory = schedule.memory();
+            for _ in 0..2 {
+                schedule.input(&fused, &mut memory).copy_from_slice(&input);
+                schedule.run(&fused, &mut memory);
+                for (which, &value) in outputs.iter().enumerate() {
+                    assert_close(
+                        schedule.output(&fused, &outputs, which, &memory),
+                        &expected[value],
+                        1e-5,
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn memory_is_used_again() {
+        let graph = Graph::parse(&tiny_model()).unwrap();
+        let schedule = Schedule::new(&graph, &graph.outputs).unwrap();
+        let all: usize = graph.values.iter().map(|v| v.len()).sum();
+        assert!(schedule.slot_lens.iter().sum::<usize>() < all / 2);
+    }
+
+    #[test]
+    fn padding_is_part_of_the_convolution_that_reads_it() {
+        let graph = Graph::parse(&tiny_model()).unwrap();
+        assert!(
+            !graph
+                .nodes
+                .iter()
+                .any(|n| matches!(n.kernel, Kernel::Pad(_)))
+        );
+    }
+}

@@ -26,7 +26,7 @@ const MIN_REFINEMENT_CONFIDENCE: f32 = 0.5;
 /// index fingers, thumbs, hips, knees, ankles, heels and toes; left before right, as the person's own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Landmark {
-    /// Position, in px of the photo: x right, y down
+    /// Position, in px of the photo: x right, y down, as MediaPipe reports it
     pub position: [f64; 2],
     /// Depth relative to the hips, in px of the photo, negative toward the camera; less accurate than the position
     pub depth: f64,

@@ -59,14 +59,7 @@ fn every_changed_byte_gives_a_model_or_an_error() {
     let structure_len = bytes.len() - 4000;
     let (mut accepted, mut rejected) = (0, 0);
     for place in 0..structure_len {
-        for value in [
-            0,
-            1,
-            127,
-            255,
-            bytes[place] ^ 4,
-            bytes[place].wrapping_add(1),
-        ] {
+        for value in [0, 127, 255, bytes[place] ^ 4] {
             let mut changed = bytes.clone();
             changed[place] = value;
             match exercise(&changed) {

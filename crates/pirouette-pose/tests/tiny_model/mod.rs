@@ -126,14 +126,16 @@ pub(crate) fn tiny_model() -> Vec<u8> {
     let pads = b.ints(&[4, 2], &[0, 0, 0, 1, 0, 1, 0, 0]);
     let padded = b.operator(PAD, &[input, pads], &[1, 9, 9, 3], vec![]);
     let first = b.convolution(padded, &[2, 3, 3, 3], &image, 1, 2);
-    let inputs = [first, b.halves(&[1, 3, 3, 2]), b.halves(&[2])];
+    let expanded = b.convolution(first, &[20, 1, 1, 2], &[1, 4, 4, 20], 0, 1);
+    let inputs = [expanded, b.halves(&[1, 3, 3, 20]), b.halves(&[20])];
     let options = vec![
         (1, Value::Int(1)),
         (2, Value::Int(1)),
         (3, Value::Int(1)),
         (4, Value::Byte(1)),
     ];
-    let depthwise = b.operator(DEPTHWISE, &inputs, &image, options);
+    let depthwise = b.operator(DEPTHWISE, &inputs, &[1, 4, 4, 20], options);
+    let projected = b.convolution(depthwise, &[2, 1, 1, 20], &image, 0, 1);
     let pooled = (0..6)
         .map(|slot| {
             (
@@ -146,7 +148,7 @@ pub(crate) fn tiny_model() -> Vec<u8> {
             )
         })
         .collect();
-    let pooled = b.operator(MAX_POOL, &[depthwise], &[1, 2, 2, 2], pooled);
+    let pooled = b.operator(MAX_POOL, &[projected], &[1, 2, 2, 2], pooled);
     let size = b.ints(&[2], &[4, 4]);
     let resized = b.operator(RESIZE, &[pooled, size], &image, vec![(3, Value::Byte(1))]);
     let sum = b.operator(ADD, &[resized, first], &image, vec![]);
