@@ -321,6 +321,7 @@ pub fn fit_shared_skeleton(
         .map(|view| KeypointView {
             turn: view.turn,
             keypoints: view.keypoints,
+            keypoints_from: view.keypoints_from,
             width_px: view.photo.width(),
             height_px: view.photo.height(),
         })

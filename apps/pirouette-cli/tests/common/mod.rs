@@ -100,11 +100,13 @@ pub struct Run {
     output: Output,
 }
 
-/// Runs the command
+/// Runs the command, without any pose detector that is installed on the machine
 pub fn pirouette(args: &[&str]) -> Run {
     let output = assert_cmd::Command::cargo_bin("pirouette")
         .unwrap()
         .args(args)
+        .env_remove("PIROUETTE_POSE_MODEL")
+        .env("XDG_DATA_HOME", "/nonexistent")
         .output()
         .unwrap();
     Run { output }

@@ -23,7 +23,8 @@ mod turns;
 use glam::DVec3;
 use thiserror::Error;
 
-use crate::scan::{CameraSetup, View};
+use crate::detect::detected_positions;
+use crate::scan::{CameraSetup, KeypointSource, View};
 use model::{Problem, Shared, Unknowns, room_joints};
 use pirouette_body::{
     Avatar, Bone, Camera, Joint, Keypoints, PerJoint, Pose, PosedBones, TurnAngle, pose_bones,
@@ -43,6 +44,8 @@ pub struct KeypointView {
     pub turn: TurnAngle,
     /// Detected joints, in px of the photo
     pub keypoints: Keypoints,
+    /// Origin of the keypoints
+    pub keypoints_from: KeypointSource,
     /// Width of the photo in px
     pub width_px: usize,
     /// Height of the photo in px
@@ -55,6 +58,7 @@ impl From<&View> for KeypointView {
         Self {
             turn: view.turn,
             keypoints: view.keypoints,
+            keypoints_from: view.keypoints_from,
             width_px: view.photo.width(),
             height_px: view.photo.height(),
         }
@@ -315,7 +319,11 @@ pub fn fit_skeleton(
     if !(MIN_STATURE_MM..=MAX_STATURE_MM).contains(&stature_mm) {
         return Err(SkeletonFitError::StatureImplausible { stature_mm });
     }
-    let avatar = enlarged(avatar, stature_mm / own_stature_mm);
+    let mut avatar = avatar.clone().scaled(stature_mm / own_stature_mm);
+    let of_detector = |view: &&KeypointView| view.keypoints_from == KeypointSource::BlazePose;
+    if 2 * views.iter().filter(of_detector).count() > views.len() {
+        avatar.keypoints = detected_positions(&avatar);
+    }
     let frame = Frame::new(&avatar).ok_or(SkeletonFitError::AvatarUnusable)?;
     let start = start::prepare(&avatar, views, camera, options, &mut warnings)?;
     let mut problem = Problem {
@@ -518,19 +526,6 @@ fn final_poses(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> Vec<P
         *pose = mean;
     }
     poses
-}
-
-/// Scales an avatar uniformly
-fn enlarged(avatar: &Avatar, factor: f64) -> Avatar {
-    let mut large = avatar.clone();
-    let points = large.mesh.positions.iter_mut();
-    for point in points
-        .chain(&mut large.bone_heads)
-        .chain(&mut large.keypoints)
-    {
-        *point *= factor;
-    }
-    large
 }
 
 impl SkeletonView {

@@ -154,7 +154,7 @@ pub(super) fn scales() -> BoneScales {
 
 pub(super) fn scan(setting: &Setting) -> Truth {
     let scaled = rescale_avatar(&body(), &scales());
-    let body = enlarged(&scaled, STATURE_MM / scaled.stature_mm());
+    let body = scaled.clone().scaled(STATURE_MM / scaled.stature_mm());
     let camera = Camera {
         width_px: 800,
         height_px: 1000,
@@ -189,6 +189,7 @@ pub(super) fn scan(setting: &Setting) -> Truth {
         views.push(KeypointView {
             turn,
             keypoints,
+            keypoints_from: KeypointSource::Given,
             width_px: camera.width_px,
             height_px: camera.height_px,
         });
