@@ -121,8 +121,12 @@ impl PoseNetwork {
     /// # Errors
     /// When no data folder of the user is known.
     pub fn installed_path(self) -> Result<PathBuf, ModelFileError> {
-        let folder = dirs::data_dir().ok_or(ModelFileError::NoDataFolder)?;
-        Ok(folder.join("pirouette").join(self.file_name()))
+        use etcetera::BaseStrategy;
+        let Ok(folders) = etcetera::choose_base_strategy() else {
+            return Err(ModelFileError::NoDataFolder);
+        };
+        let folder = folders.data_dir().join("pirouette");
+        Ok(folder.join(self.file_name()))
     }
 }
 
