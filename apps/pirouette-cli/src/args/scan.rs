@@ -10,13 +10,17 @@ use pirouette_files::job;
 /// Arguments of `scan`, `segment`, `normalize`, `reconstruct` and `measure`
 #[derive(Debug, Args)]
 pub struct ScanArgs {
-    /// Folder of photos with keypoint files and an optional scan.json, or a zip file of it
+    /// Folder of photos, with optional keypoint files and scan.json, or a zip file of it
     #[arg(value_name = "SCAN")]
     pub scan: PathBuf,
 
     /// Result folder; files in an existing one are replaced, other files are kept
     #[arg(short, long, value_name = "OUT", default_value = "out")]
     pub out: PathBuf,
+
+    /// Network of the pose detector, for photos without a keypoint file [default: the installed one]
+    #[arg(long, value_name = "FILE")]
+    pub pose_model: Option<PathBuf>,
 
     #[command(flatten)]
     pub method: MethodArgs,
@@ -58,10 +62,6 @@ pub struct MethodArgs {
     /// Skinned glTF or VRM avatar to use as the reference instead of the built-in one
     #[arg(long, value_name = "FILE.glb|.vrm")]
     pub avatar: Option<PathBuf>,
-
-    /// Network of the pose detector, for photos without a keypoint file [default: the installed one]
-    #[arg(long, value_name = "FILE")]
-    pub pose_model: Option<PathBuf>,
 
     /// Register each silhouette to that of the reference by a rigid motion [default with three-step]
     #[arg(long, overrides_with = "no_register")]
@@ -155,8 +155,10 @@ impl Format {
 }
 
 pub const SCAN_HELP: &str = "\
-A scan folder contains photos of a person who turns to the left in equal steps in front of a static camera, and
-the keypoints of each photo (OpenPose JSON, BODY_25):
+A scan folder contains photos of a person who turns to the left in equal steps in front of a static camera:
+  000.jpg 001.jpg ...
+The pose detector (see `pirouette models`) finds the joints in each photo that has no keypoint file. A keypoint file is
+OpenPose JSON, BODY_25, next to the photo:
   000.jpg 000_keypoints.json 001.jpg 001_keypoints.json ...
 An optional scan.json provides additional data, most importantly the person's height. All keys except `image` are
 optional; without `views`, the photos are used in the order of their names:
