@@ -153,6 +153,7 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
         stature_from: StatureFrom::Stated,
         subject: Subject::default(),
         given_masks: 0.0,
+        detected_keypoints: 0.0,
     };
     c.bench_function("measure", |b| b.iter(|| measure(&input)));
 }

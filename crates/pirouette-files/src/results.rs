@@ -21,14 +21,14 @@ use crate::report::json::measurements_json;
 use crate::report::page::{Page, PageView, write_page};
 use crate::report::pictures::{DrawnBody, draw_contact_sheet, draw_overlay, draw_residuals};
 use crate::report::tape_sheet;
-use crate::scan_folder::{LoadedScan, keypoint_file, scale_keypoints};
+use crate::scan_folder::{LoadedScan, keypoint_file, keypoints_in_input};
 #[cfg(feature = "folders")]
 use crate::sink::make_folder;
 use crate::sink::{Sink, WriteError};
 use crate::warning::Warning;
 use pirouette::normalize::{JointPositions, LimbRefinement, Registration};
 use pirouette::pipeline::{Goal, Method, Report};
-use pirouette::scan::{KeypointSource, Photo, View};
+use pirouette::scan::{KeypointSource, Photo, Scan, View};
 use pirouette::sizes::{Chart, advise_person};
 use pirouette::skeleton_fit::{BoneScale, Skeleton};
 use pirouette::view::SolvedView;
@@ -244,12 +244,7 @@ fn write_view(
     let file = sink.path(&name);
     sink.put(&name, as_jpeg(&file, &overlay)?)?;
     if view.keypoints_from != KeypointSource::Given {
-        let (width, height) = view.input_size_px;
-        let scale = DVec2::new(
-            width as f64 / view.photo.width() as f64,
-            height as f64 / view.photo.height() as f64,
-        );
-        let value = keypoint_file(&scale_keypoints(&view.keypoints, scale));
+        let value = keypoint_file(&keypoints_in_input(view));
         put_json(sink, &within("keypoints.json"), &value)?;
     }
     let value = view_value(view, found);
@@ -273,6 +268,10 @@ fn page<'a>(
         ("method", method_name(report.method).to_owned()),
         ("pose", pose_name(scan.pose).to_owned()),
     ];
+    match detected_count(scan) {
+        0 => {}
+        count => facts.push(("keypoints", format!("detected in {count} photos"))),
+    }
     if let Some(stature_mm) = scan.stature_mm {
         facts.push(("stature as given", format!("{stature_mm:.0} mm")));
     }
@@ -306,6 +305,14 @@ fn page<'a>(
             .chain(seconds.map(|(stage, time)| (stage.name(), *time)))
             .collect(),
     }
+}
+
+/// Returns the number of usable views whose keypoints were detected in the photo
+fn detected_count(scan: &Scan) -> usize {
+    let views = scan.views.iter();
+    views
+        .filter(|view| view.keypoints_from != KeypointSource::Given)
+        .count()
 }
 
 /// Returns the automatic corrections of loading and computation
@@ -388,8 +395,7 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
         "warnings": warnings,
         "seconds": seconds,
     });
-    let detected = |view: &View| view.keypoints_from == KeypointSource::BlazePose;
-    if scan.views.iter().any(detected) {
+    if detected_count(scan) > 0 {
         value["detector"] = json!("blazepose");
     }
     if let Some(skeleton) = &report.skeleton {

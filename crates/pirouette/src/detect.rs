@@ -7,8 +7,6 @@
 //! # Source
 //! V. Bazarevsky et al. 2020, "BlazePose: On-device Real-time Body Pose tracking".
 
-use std::sync::OnceLock;
-
 use glam::{DVec2, DVec3};
 use pirouette_body::{Avatar, Joint, Keypoint, Keypoints, PerJoint};
 use pirouette_geom::parallel::prelude::*;
@@ -100,37 +98,40 @@ pub fn detect_keypoints(
     on_photo_done: &(dyn Fn() + Sync),
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Vec<Option<Keypoints>> {
-    // The size of the photo and the region of the person in the first photo that shows one
-    let first = OnceLock::new();
-    for photo in photos {
-        if cancelled() || first.get().is_some() {
-            break;
-        }
-        if let Some(region) = as_input(photo).and_then(|photo| model.search(&photo)) {
-            first.get_or_init(|| ((photo.width(), photo.height()), region));
-        }
-    }
-    let detect = |photo: &&Photo| {
-        let known = first.get().filter(|_| !cancelled());
-        let found = known.and_then(|(size, region)| {
-            let region = (*size == (photo.width(), photo.height())).then_some(*region);
-            detect_in(model, photo, region)
+    let search = |photo: &&Photo| {
+        let searched = (!cancelled()).then(|| as_input(photo)).flatten();
+        searched.and_then(|photo| model.search(&photo))
+    };
+    let mut regions = photos.iter().map(search).enumerate();
+    let first = regions.find_map(|(index, region)| Some((index, region?)));
+    let detect = |(index, photo): (usize, &&Photo)| {
+        let known = first.filter(|_| !cancelled());
+        let found = known.and_then(|(first, region)| {
+            let region = photo.same_size(photos[first]).then_some(region);
+            // Photos before the first one were searched in vain.
+            detect_in(model, photo, region, index > first)
         });
         on_photo_done();
         found
     };
-    photos.par_iter().map(detect).collect()
+    photos.par_iter().enumerate().map(detect).collect()
 }
 
-/// Detects the person in one photo, in a region if one is known and shows the person
-fn detect_in(model: &PoseModel, photo: &Photo, region: Option<Region>) -> Option<Keypoints> {
+/// Detects the person in one photo, in a region if one is known and shows the person, otherwise by a search if permitted
+fn detect_in(
+    model: &PoseModel,
+    photo: &Photo,
+    region: Option<Region>,
+    search: bool,
+) -> Option<Keypoints> {
     let photo = as_input(photo)?;
     let detect = |region: Region| {
         let detection = model.detect(&photo, &region, PASSES, false);
         (detection.presence >= MIN_PRESENCE).then_some(detection)
     };
     let found = region.and_then(detect);
-    let found = found.or_else(|| model.search(&photo).and_then(detect))?;
+    let searched = || search.then(|| model.search(&photo)).flatten();
+    let found = found.or_else(|| searched().and_then(detect))?;
     Some(to_keypoints(&found.landmarks))
 }
 

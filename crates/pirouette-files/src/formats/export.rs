@@ -285,6 +285,7 @@ mod tests {
                 ..Subject::default()
             },
             given_masks: 1.0,
+            detected_keypoints: 0.0,
         })
     }
 

@@ -265,6 +265,7 @@ mod tests {
             stature_from: StatureFrom::Stated,
             subject: Subject::default(),
             given_masks: 1.0,
+            detected_keypoints: 0.0,
         });
         let sheet = tape_sheet(
             &avatar.mesh,
@@ -334,6 +335,7 @@ mod tests {
             stature_from: StatureFrom::Stated,
             subject: Subject::default(),
             given_masks: 1.0,
+            detected_keypoints: 0.0,
         });
         let sheet = tape_sheet(&TriMesh::default(), &SilhouetteMesh::new(&[]), &all);
         assert!(sheet.as_slice().iter().all(|p| *p == [250; 3]));

@@ -19,7 +19,7 @@ use crate::formats::photo::decode_photo;
 use crate::source::Source;
 use pirouette::scan::{CameraSetup, KeypointSource, Photo, Scan, StatureFrom, View};
 use pirouette_body::TurnAngle;
-pub(crate) use view::scale_keypoints;
+pub(crate) use view::keypoints_in_input;
 use view::{LoadedView, keypoint_paths, load_view};
 
 pub use problem::{ScanError, ScanWarning, ViewError};
@@ -188,6 +188,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
     }
     let (mut views, mut failed, mut fields_of_view) = (Vec::new(), Vec::new(), Vec::new());
     let (mut files, mut without_keypoints) = (Vec::new(), Vec::new());
+    let mut missing_files = Vec::new();
     for (index, (entry, result)) in entries.iter().zip(loaded).enumerate() {
         let name = manifest::stem(&entry.image);
         let turn = turn(index);
@@ -199,10 +200,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                         people_count: loaded.people_count,
                     });
                 }
-                if let Some(file) = loaded.missing_keypoint_file {
-                    let view = name.clone();
-                    warnings.push(ScanWarning::KeypointFileMissing { view, file });
-                }
+                missing_files.extend(loaded.missing_keypoint_file);
                 if !loaded.has_keypoint_file {
                     without_keypoints.push(views.len());
                 }
@@ -224,6 +222,12 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                 reason,
             }),
         }
+    }
+    if let Some(first) = missing_files.first() {
+        warnings.push(ScanWarning::KeypointFilesMissing {
+            missing_count: missing_files.len(),
+            first: first.clone(),
+        });
     }
     let camera = CameraSetup {
         vertical_fov_radians: manifest

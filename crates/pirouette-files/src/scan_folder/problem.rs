@@ -105,8 +105,10 @@ pub enum ScanWarning {
         "{people_count} people in the keypoint file; used the most confident one near the middle of the photo"
     )]
     SeveralPeople { view: String, people_count: usize },
-    #[error("there is no {file}, which scan.json names; detected the keypoints in the photo")]
-    KeypointFileMissing { view: String, file: String },
+    #[error(
+        "{missing_count} keypoint files that scan.json names do not exist ({first}); detected the keypoints in these photos"
+    )]
+    KeypointFilesMissing { missing_count: usize, first: String },
     #[error(
         "{missing_count} views have no angle_deg; assumed evenly spaced turn angles, which is correct only for a uniform turn"
     )]
@@ -125,8 +127,7 @@ impl ScanWarning {
     /// Returns the name of the affected view, if it concerns one
     pub fn view(&self) -> Option<&str> {
         match self {
-            ScanWarning::SeveralPeople { view, .. }
-            | ScanWarning::KeypointFileMissing { view, .. } => Some(view),
+            ScanWarning::SeveralPeople { view, .. } => Some(view),
             _ => None,
         }
     }
@@ -135,7 +136,7 @@ impl ScanWarning {
     pub fn code(&self) -> &'static str {
         match self {
             ScanWarning::SeveralPeople { .. } => "several_people",
-            ScanWarning::KeypointFileMissing { .. } => "keypoint_file_missing",
+            ScanWarning::KeypointFilesMissing { .. } => "keypoint_files_missing",
             ScanWarning::AnglesMissing { .. } => "angles_missing",
             ScanWarning::FieldsOfViewDiffer { .. } => "fields_of_view_differ",
             ScanWarning::ImageIgnored { .. } => "image_ignored",

@@ -6,7 +6,7 @@ use std::fs;
 use crate::formats::photo;
 use crate::source::SourceError;
 use pirouette::scan::{KeypointSource, Photo, Subject};
-use pirouette_body::{Joint, Keypoints, Sex};
+use pirouette_body::{Joint, Keypoint, Keypoints, Sex};
 
 struct TestFolder(tempfile::TempDir);
 
@@ -299,4 +299,24 @@ fn a_written_scan_reads_back_unchanged() {
     assert_eq!(after.mask, before.mask);
     assert_eq!(after.name, before.name);
     assert!((after.turn.degrees() - 30.0).abs() < 1e-9);
+}
+
+#[test]
+fn keypoints_of_a_shrunk_photo_are_those_of_the_input() {
+    let mut keypoints = Keypoints::default();
+    let at = |x, y| Keypoint {
+        position: glam::DVec2::new(x, y),
+        confidence: 0.5,
+    };
+    keypoints.set(Joint::Nose, at(10.0, 20.0));
+    let view = View {
+        name: "000".into(),
+        photo: Photo::filled(40, 50, [0; 3]),
+        input_size_px: (80, 150),
+        turn: TurnAngle::default(),
+        keypoints,
+        keypoints_from: KeypointSource::BlazePose,
+        mask: None,
+    };
+    assert_eq!(keypoints_in_input(&view).get(Joint::Nose), at(20.0, 60.0));
 }

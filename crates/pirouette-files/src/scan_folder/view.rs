@@ -9,7 +9,7 @@ use super::{LoadOptions, MAX_JSON_BYTES, ViewError};
 use crate::formats::manifest::ManifestView;
 use crate::formats::{manifest, openpose, photo};
 use crate::source::{MAX_ENTRY_BYTES, Source};
-use pirouette::scan::Photo;
+use pirouette::scan::{Photo, View};
 use pirouette_body::Keypoints;
 
 /// Maximum size of a photo file, in bytes
@@ -159,8 +159,18 @@ fn load_keypoints(
     Ok(Some((detection.keypoints, detection.people_count)))
 }
 
+/// Returns the keypoints of a view in px of the photo as given
+pub(crate) fn keypoints_in_input(view: &View) -> Keypoints {
+    let (width, height) = view.input_size_px;
+    let scale = glam::DVec2::new(
+        width as f64 / view.photo.width() as f64,
+        height as f64 / view.photo.height() as f64,
+    );
+    scale_keypoints(&view.keypoints, scale)
+}
+
 /// Returns keypoints in px of a photo of another size
-pub(crate) fn scale_keypoints(keypoints: &Keypoints, scale: glam::DVec2) -> Keypoints {
+fn scale_keypoints(keypoints: &Keypoints, scale: glam::DVec2) -> Keypoints {
     let mut scaled = Keypoints::default();
     for (joint, mut keypoint) in keypoints.iter() {
         keypoint.position *= scale;

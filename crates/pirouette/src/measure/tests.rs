@@ -357,8 +357,12 @@ fn woman(stature_mm: f64) -> Avatar {
     mannequin(&parameters).expect("the parameters are valid")
 }
 
-fn measured(avatar: &Avatar, views: &[MeasureView], source: BodySource) -> Measurements {
-    measure(&MeasureInput {
+fn input_of<'a>(
+    avatar: &'a Avatar,
+    views: &'a [MeasureView<'a>],
+    source: BodySource,
+) -> MeasureInput<'a> {
+    MeasureInput {
         body: &avatar.mesh,
         avatar,
         source,
@@ -367,7 +371,29 @@ fn measured(avatar: &Avatar, views: &[MeasureView], source: BodySource) -> Measu
         stature_from: StatureFrom::Stated,
         subject: Subject::default(),
         given_masks: 1.0,
-    })
+        detected_keypoints: 0.0,
+    }
+}
+
+fn measured(avatar: &Avatar, views: &[MeasureView], source: BodySource) -> Measurements {
+    measure(&input_of(avatar, views, source))
+}
+
+#[test]
+fn detected_keypoints_widen_the_standard_deviations_and_change_no_value() {
+    let avatar = woman(1640.0);
+    let input = |detected_keypoints| MeasureInput {
+        detected_keypoints,
+        ..input_of(&avatar, &[], BodySource::Fitted)
+    };
+    let (given, detected) = (measure(&input(0.0)), measure(&input(1.0)));
+    for ((measure, given), (_, detected)) in given.iter().zip(detected.iter()) {
+        assert_eq!(given.value_mm, detected.value_mm);
+        let wider = measure != Measure::Stature && given.sd_mm.is_some();
+        assert_eq!(detected.sd_mm > given.sd_mm, wider, "{measure:?}");
+    }
+    let bust = detected.get(Measure::BustGirth);
+    assert!(bust.sd_mm.unwrap() > 0.035 * bust.value_mm.unwrap());
 }
 
 #[test]
@@ -501,6 +527,7 @@ fn unavailable_measures_carry_the_reason() {
         stature_from: StatureFrom::Stated,
         subject: Subject::default(),
         given_masks: 1.0,
+        detected_keypoints: 0.0,
     });
     let order: Vec<Measure> = all.iter().map(|(measure, _)| measure).collect();
     assert_eq!(order, Measure::ALL);
@@ -513,14 +540,8 @@ fn unavailable_measures_carry_the_reason() {
 fn without_a_scale_lengths_are_in_units_of_the_stature() {
     let avatar = woman(1640.0);
     let input = MeasureInput {
-        body: &avatar.mesh,
-        avatar: &avatar,
-        source: BodySource::Fitted,
-        views: &[],
         stature_mm: None,
-        stature_from: StatureFrom::Stated,
-        subject: Subject::default(),
-        given_masks: 1.0,
+        ..input_of(&avatar, &[], BodySource::Fitted)
     };
     let (bare, scaled) = (measure(&input), measured(&avatar, &[], BodySource::Fitted));
     let share = bare
@@ -537,18 +558,13 @@ fn statistics_apply_only_with_given_sex_and_mass_and_are_reported() {
     let avatar = woman(1640.0);
     let plain = measured(&avatar, &[], BodySource::Fitted);
     let supported = measure(&MeasureInput {
-        body: &avatar.mesh,
-        avatar: &avatar,
-        source: BodySource::Fitted,
-        views: &[],
         stature_mm: Some(1640.0),
-        stature_from: StatureFrom::Stated,
         subject: Subject {
             sex: Some(Sex::Female),
             mass_kg: Some(90.0),
             age_years: None,
         },
-        given_masks: 1.0,
+        ..input_of(&avatar, &[], BodySource::Fitted)
     });
     let (before, after) = (
         plain.get(Measure::NeckGirth),

@@ -138,6 +138,14 @@ impl Measured {
         }
     }
 
+    /// Adds the uncertainty due to detected keypoints, as a share of the value
+    pub(super) fn with_keypoint_sd(mut self, share: f64) -> Self {
+        if let (Ok(value), Some(sd)) = (self.value_mm, self.sd_mm) {
+            self.sd_mm = Some(sd.hypot(value * share));
+        }
+        self
+    }
+
     /// Adds the uncertainty of the scale, a share of every length
     pub(super) fn with_scale_sd(mut self, scale_sd: f64) -> Self {
         if let (Ok(value), Some(sd)) = (self.value_mm, self.sd_mm) {

@@ -23,7 +23,7 @@ use crate::pipeline::{
     AvatarSource, CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError,
     Report, Stage,
 };
-use crate::scan::{CameraSetup, Scan};
+use crate::scan::{CameraSetup, KeypointSource, Scan, View};
 use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
 use crate::skeleton_fit::{KeypointView, Skeleton, SkeletonFitOptions, SkeletonView, fit_skeleton};
 use crate::view::{SolvedView, ViewId};
@@ -417,6 +417,11 @@ impl<'a> Job<'a> {
             Some(_) => BodySource::Fitted,
             None => BodySource::Hull,
         };
+        let share_of = |of: &dyn Fn(&View) -> bool| {
+            let count = views.iter().filter(|v| of(&scan.views[v.id.0])).count();
+            count as f64 / views.len().max(1) as f64
+        };
+        let detected_keypoints = share_of(&|view| view.keypoints_from != KeypointSource::Given);
         let found = self.stage(Stage::Measure, 1, |_| {
             let outlines = match source {
                 BodySource::Fitted => photographed_outlines(views),
@@ -430,13 +435,13 @@ impl<'a> Job<'a> {
                 stature_mm: scan.stature_mm,
                 stature_from: scan.stature_from,
                 subject: scan.subject,
-                given_masks: views
-                    .iter()
-                    .filter(|view| scan.views[view.id.0].mask.is_some())
-                    .count() as f64
-                    / views.len().max(1) as f64,
+                given_masks: share_of(&|view| view.mask.is_some()),
+                detected_keypoints,
             })
         })?;
+        if detected_keypoints > 0.0 {
+            self.warn(Warning::KeypointsDetected);
+        }
         for (measure, measured) in found.iter() {
             if let (true, Some(lines), Some(body)) =
                 (measured.contradicted, measured.lines, measured.body)

@@ -33,6 +33,11 @@ pub enum Warning {
         joint: Joint,
         residual_px: f64,
     },
+    #[error(
+        "keypoints were detected in the photos: standard deviations are larger than with given keypoints, most of all \
+         for bust girth and back length"
+    )]
+    KeypointsDetected,
     #[error("view {view}: {warning}")]
     Normalize {
         view: String,
@@ -57,7 +62,10 @@ impl Warning {
             | Warning::SidesSwapped { view, .. }
             | Warning::Outlier { view, .. }
             | Warning::Normalize { view, .. } => Some(view),
-            Warning::NoSkeleton(_) | Warning::Skeleton(_) | Warning::TapesDiffer { .. } => None,
+            Warning::NoSkeleton(_)
+            | Warning::Skeleton(_)
+            | Warning::KeypointsDetected
+            | Warning::TapesDiffer { .. } => None,
         }
     }
 
@@ -79,6 +87,7 @@ impl Warning {
             },
             Warning::SidesSwapped { .. } => "sides_swapped",
             Warning::Outlier { .. } => "outlier",
+            Warning::KeypointsDetected => "keypoints_detected",
             Warning::TapesDiffer { .. } => "tapes_differ",
             Warning::Normalize { warning, .. } => match warning {
                 NormalizeWarning::NoHandles => "no_handles",

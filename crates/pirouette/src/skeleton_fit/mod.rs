@@ -287,7 +287,8 @@ const POSTURE_TRIAL_ROUNDS: usize = 3;
 ///
 /// `avatar` may have any stature; it is scaled to the given one. Without a given stature, its own is assumed, and all
 /// lengths of the result depend on it. Joints may be missing; a view without keypoints takes the mean pose of the
-/// others. Unknown parameters of `camera` are estimated.
+/// others. Unknown parameters of `camera` are estimated. If most views have detected keypoints, the avatar's keypoints are
+/// moved to where the detector places them: see [`crate::detect`].
 ///
 /// # Errors
 /// When there are too few keypoints for a body, none determines its size, or stature or avatar are unusable.
