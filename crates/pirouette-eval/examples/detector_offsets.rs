@@ -1,13 +1,14 @@
 //! Estimates where the pose detector places each joint relative to the skeleton, on rendered people.
 //!
 //! ```text
-//! cargo run --release -p pirouette-eval --example detector_offsets -- pose_landmark_full.tflite 24
+//! cargo run --release -p pirouette-eval --example detector_offsets -- pose_landmark_full.tflite 24 a [AVATAR.glb ...]
 //! ```
 //!
 //! For each pair of left and right joints, the offset that explains the detected positions in all photos is solved by
 //! robust least squares, in the frame of the bone in the reference pose: outward from the middle of the body, up,
-//! forward. Prints offsets and remaining errors in permille of the stature. The offsets of [`pirouette::detect`] are those
-//! of 24 people.
+//! forward. Prints offsets and remaining errors in permille of the stature. The people are random ones, or given avatars at
+//! their statures. The offsets of [`pirouette::detect`] are those of 24 people each in A- and T-pose, of the neutral and
+//! the male MakeHuman base mesh (CC0).
 
 #![allow(clippy::print_stdout, reason = "the example prints its results")]
 
@@ -15,7 +16,8 @@ use std::error::Error;
 
 use glam::{DMat3, DVec2, DVec3};
 use pirouette::detect::detect_keypoints;
-use pirouette_body::{Joint, PerJoint, Pose};
+use pirouette_body::gltf::load_avatar;
+use pirouette_body::{Avatar, Joint, PerJoint, Pose, ReferencePose};
 use pirouette_eval::people::Person;
 use pirouette_pose::PoseModel;
 
@@ -30,14 +32,28 @@ struct Row {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [file, count] = &arguments[..] else {
-        return Err("usage: detector_offsets MODEL NUMBER_OF_PEOPLE".into());
+    let [file, count, pose, avatars @ ..] = &arguments[..] else {
+        return Err("usage: detector_offsets MODEL NUMBER_OF_PEOPLE a|t [AVATAR.glb ...]".into());
+    };
+    let pose = match &pose[..] {
+        "a" => ReferencePose::A,
+        "t" => ReferencePose::T,
+        other => return Err(format!("the pose is {other}; a or t is read").into()),
     };
     let model = PoseModel::parse(&std::fs::read(file)?)?;
+    let avatars: Vec<Avatar> = avatars
+        .iter()
+        .map(|file| Ok(load_avatar(&std::fs::read(file)?, pose)?))
+        .collect::<Result<_, Box<dyn Error>>>()?;
     let mut rows: PerJoint<Vec<Row>> = PerJoint::from_fn(|_| Vec::new());
     let mut missed = 0;
     for seed in 0..count.parse()? {
-        missed += collect(&model, &Person::new(1000 + seed)?, &mut rows);
+        let mut person = Person::new(1000 + seed)?;
+        if !avatars.is_empty() {
+            let avatar = &avatars[seed as usize % avatars.len()];
+            person.avatar = avatar.clone().scaled_to(person.avatar.stature_mm());
+        }
+        missed += collect(&model, &person, &mut rows);
     }
     println!(
         "{:<16}{:>8}{:>8}{:>8}   remaining",

@@ -8,7 +8,7 @@
 //! V. Bazarevsky et al. 2020, "BlazePose: On-device Real-time Body Pose tracking".
 
 use glam::{DVec2, DVec3};
-use pirouette_body::{Avatar, Joint, Keypoint, Keypoints, PerJoint};
+use pirouette_body::{Avatar, Joint, Keypoint, Keypoints, PerJoint, ReferencePose};
 use pirouette_geom::parallel::prelude::*;
 use pirouette_pose::{LANDMARK_COUNT, Landmark, PoseModel, Region};
 
@@ -56,29 +56,33 @@ const FACE: [Joint; 3] = [Joint::Nose, Joint::LeftEye, Joint::RightEye];
 
 /// Position of the detector's points relative to the joints of the skeleton, in permille of the stature
 ///
-/// Left joint or middle one; outward from the middle of the body, up, and forward, in the reference pose. Measured with the
-/// network `full` on 24 rendered people in 8 photos each; after that, 5 to 10 permille remain. The networks `lite` and
-/// `heavy` differ by at most 12 permille, mostly in the feet. See `examples/detector_offsets.rs` of pirouette-eval.
-const OFFSETS: [(Joint, [f64; 3]); 11] = [
-    (Joint::Nose, [0.0, 6.8, -12.7]),
-    (Joint::LeftShoulder, [2.0, 8.4, 6.0]),
-    (Joint::LeftElbow, [-3.9, 1.0, 13.7]),
-    (Joint::LeftWrist, [7.3, -10.3, 18.8]),
-    (Joint::LeftHip, [4.4, 9.2, 13.0]),
-    (Joint::LeftKnee, [1.0, 1.7, 2.5]),
-    (Joint::LeftAnkle, [-2.5, 2.0, -7.7]),
-    (Joint::LeftEye, [-4.0, 3.0, -5.2]),
-    (Joint::LeftEar, [-22.3, 2.6, 21.9]),
-    (Joint::LeftBigToe, [13.9, -5.2, -17.3]),
-    (Joint::LeftHeel, [-3.7, -6.1, 13.6]),
+/// Left joint or middle one; outward from the middle of the body, up, and forward, in the reference pose; for arms 48
+/// degrees below the horizontal (A-pose), then for level arms (T-pose). Measured with the network `full` on renders of 24
+/// people of the MakeHuman base mesh in 8 photos each, per pose; after that, 4 to 13 permille remain. The built-in
+/// mannequin, whose face and feet are simpler, gives values that differ by up to 10 permille (22 for the toes). See
+/// `examples/detector_offsets.rs` of pirouette-eval.
+const OFFSETS: [(Joint, [f64; 3], [f64; 3]); 11] = [
+    (Joint::Nose, [0.0, 3.2, -9.1], [0.0, 2.7, -13.5]),
+    (Joint::LeftShoulder, [-7.8, 12.6, 3.7], [-3.9, 6.6, 4.2]),
+    (Joint::LeftElbow, [-4.4, 3.2, 13.0], [-5.6, 0.5, 37.0]),
+    (Joint::LeftWrist, [1.5, -7.6, 11.6], [2.7, -1.6, 21.2]),
+    (Joint::LeftHip, [-7.7, 8.0, 16.0], [-7.9, 5.5, 17.3]),
+    (Joint::LeftKnee, [-1.5, 3.7, 1.3], [-3.3, 3.1, 1.5]),
+    (Joint::LeftAnkle, [-1.0, 7.3, -3.2], [-2.2, 7.9, -2.1]),
+    (Joint::LeftEye, [-2.0, -0.5, -6.6], [-2.6, -1.2, -9.2]),
+    (Joint::LeftEar, [-21.5, -3.3, 25.8], [-21.6, -4.6, 24.5]),
+    (Joint::LeftBigToe, [14.8, -7.1, 4.5], [12.7, -7.4, 3.3]),
+    (Joint::LeftHeel, [-5.3, 0.7, 12.2], [-6.2, 1.2, 13.7]),
 ];
 
 /// Returns where the detector places the joints of an avatar, in its reference pose, in mm
 pub(crate) fn detected_positions(avatar: &Avatar) -> PerJoint<DVec3> {
     let unit = avatar.stature_mm() / 1000.0;
     let mut positions = avatar.keypoints;
-    for (left, offset) in OFFSETS {
-        let offset = DVec3::from_array(offset) * unit;
+    let level = levelness(avatar);
+    for (left, lowered, raised) in OFFSETS {
+        let [lowered, raised] = [lowered, raised].map(DVec3::from_array);
+        let offset = lowered.lerp(raised, level) * unit;
         positions[left] += offset;
         if left.mirrored() != left {
             positions[left.mirrored()] += offset * DVec3::new(-1.0, 1.0, 1.0);
@@ -86,6 +90,13 @@ pub(crate) fn detected_positions(avatar: &Avatar) -> PerJoint<DVec3> {
     }
     positions.set_middles(|left, right| (left + right) / 2.0);
     positions
+}
+
+/// Returns 0 for arms as in the A-pose or lower, 1 for level arms
+fn levelness(avatar: &Avatar) -> f64 {
+    let arm = avatar.keypoints[Joint::LeftWrist] - avatar.keypoints[Joint::LeftShoulder];
+    let below = (-arm.y).atan2(arm.x).to_degrees();
+    (1.0 - below / ReferencePose::A.arm_angle_degrees()).clamp(0.0, 1.0)
 }
 
 /// Detects the keypoints of the person in each photo, in px of the photo; `None` where no person is found
