@@ -51,6 +51,12 @@ pub fn run(
     let done = job().and_then(|done| Ok(done.write(&args.out, &options).map(|()| done)?));
     progress.finish();
     let done = done?;
+    if let Some(refusal) = done.report.refusal {
+        let results = args.out.display();
+        return Err(
+            Error::new(refusal).context(format!("{}: results in {results}", args.scan.display()))
+        );
+    }
     output.done(&summary(&done, &args.out, &charts), || {
         json_line(&done, &args.out, &charts)
     })
@@ -86,6 +92,7 @@ fn scan_source(
     done.map_err(|error| match error {
         JobError::Card(error) => Error::new(error).context("--scale card"),
         JobError::Pipeline(error) => Error::new(error).context(scan.display().to_string()),
+        JobError::Check(error) => Error::new(error).context(scan.display().to_string()),
         error => error.into(),
     })
 }

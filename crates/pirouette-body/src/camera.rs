@@ -1,7 +1,7 @@
 //! The static pinhole camera in front of which the person turns.
 //!
 //! The *room* frame is the world frame (millimeters, y up, origin on the floor on the turning axis) fixed to the
-//! camera; the person turns in it. The camera stands on the +z axis and looks along -z.
+//! camera; the person turns in it. The camera stands on the +z axis and looks along -z, unless it is pitched or yawed.
 
 use glam::{DVec2, DVec3};
 
@@ -20,6 +20,8 @@ pub struct Camera {
     pub distance_mm: f64,
     /// Pitch; positive looks down
     pub pitch_radians: f64,
+    /// Yaw; positive looks to the right of the turning axis, towards +x
+    pub yaw_radians: f64,
 }
 
 impl Camera {
@@ -42,6 +44,11 @@ impl Camera {
         DVec3::new(0.0, self.height_mm, self.distance_mm)
     }
 
+    /// Returns the unit direction in the room of the photo's rows, to the right
+    pub fn right(&self) -> DVec3 {
+        self.projector().right()
+    }
+
     /// Returns the same camera with `scale` times as many columns and rows, at least one of each
     pub fn scaled(&self, scale: f64) -> Self {
         let scaled = |size: usize| ((size as f64 * scale).round() as usize).max(1);
@@ -55,11 +62,14 @@ impl Camera {
     /// Precomputes the trigonometry for projecting many points
     pub fn projector(&self) -> Projector {
         let (sin, cos) = self.pitch_radians.sin_cos();
+        let (yaw_sin, yaw_cos) = self.yaw_radians.sin_cos();
         Projector {
             height_mm: self.height_mm,
             distance_mm: self.distance_mm,
             sin,
             cos,
+            yaw_sin,
+            yaw_cos,
             focal_px: self.focal_px(),
             middle: DVec2::new(self.width_px as f64 / 2.0, self.height_px as f64 / 2.0),
         }
@@ -89,11 +99,11 @@ impl Camera {
 
     /// Returns the unit direction in the room of the ray through a photo point
     pub fn ray(&self, photo: DVec2) -> DVec3 {
-        let (sin, cos) = self.pitch_radians.sin_cos();
+        let projector = self.projector();
         let focal = self.focal_px();
         let x = (photo.x - self.width_px as f64 / 2.0) / focal;
         let y = (photo.y - self.height_px as f64 / 2.0) / focal;
-        let room = DVec3::X * x + DVec3::new(0.0, -cos, sin) * y + DVec3::new(0.0, -sin, -cos);
+        let room = projector.right() * x + projector.down() * y + projector.ahead();
         room / room.length()
     }
 }
@@ -105,6 +115,8 @@ pub struct Projector {
     distance_mm: f64,
     sin: f64,
     cos: f64,
+    yaw_sin: f64,
+    yaw_cos: f64,
     focal_px: f64,
     middle: DVec2,
 }
@@ -114,8 +126,27 @@ impl Projector {
     pub fn view_from_room(&self, point: DVec3) -> DVec3 {
         let (sin, cos) = (self.sin, self.cos);
         let up = point.y - self.height_mm;
-        let ahead = self.distance_mm - point.z;
-        DVec3::new(point.x, -(up * cos) - ahead * sin, ahead * cos - up * sin)
+        let along = self.distance_mm - point.z;
+        let right = point.x * self.yaw_cos - along * self.yaw_sin;
+        let ahead = point.x * self.yaw_sin + along * self.yaw_cos;
+        DVec3::new(right, -(up * cos) - ahead * sin, ahead * cos - up * sin)
+    }
+
+    /// First row of the rotation of `view_from_room`
+    fn right(&self) -> DVec3 {
+        DVec3::new(self.yaw_cos, 0.0, self.yaw_sin)
+    }
+
+    /// Its second row
+    fn down(&self) -> DVec3 {
+        let (sin, cos) = (self.sin, self.cos);
+        DVec3::new(-self.yaw_sin * sin, -cos, self.yaw_cos * sin)
+    }
+
+    /// Its third row
+    fn ahead(&self) -> DVec3 {
+        let (sin, cos) = (self.sin, self.cos);
+        DVec3::new(self.yaw_sin * cos, -sin, -self.yaw_cos * cos)
     }
 
     /// Like [`Camera::project`]
@@ -132,10 +163,7 @@ impl Projector {
     pub fn project_gradients(&self, point: DVec3) -> [DVec3; 2] {
         let view = self.view_from_room(point);
         let scale = self.focal_px / view.z;
-        // rows of the rotation view_from_room
-        let x_axis = DVec3::X;
-        let y_axis = DVec3::new(0.0, -self.cos, self.sin);
-        let z_axis = DVec3::new(0.0, -self.sin, -self.cos);
+        let (x_axis, y_axis, z_axis) = (self.right(), self.down(), self.ahead());
         [
             (x_axis - z_axis * (view.x / view.z)) * scale,
             (y_axis - z_axis * (view.y / view.z)) * scale,
@@ -155,6 +183,7 @@ mod tests {
             height_mm: 900.0,
             distance_mm: 2400.0,
             pitch_radians: 0.1,
+            yaw_radians: -0.2,
         }
     }
 
@@ -162,6 +191,7 @@ mod tests {
     fn a_level_camera_projects_by_the_pinhole_formula() {
         let level = Camera {
             pitch_radians: 0.0,
+            yaw_radians: 0.0,
             ..camera()
         };
         let p = DVec3::new(120.0, 1500.0, 80.0);
@@ -174,6 +204,20 @@ mod tests {
     fn looking_down_moves_points_ahead_up_in_the_photo() {
         let ahead = DVec3::new(0.0, 900.0, 0.0);
         assert!(camera().project(ahead).y < 500.0);
+    }
+
+    #[test]
+    fn looking_to_the_right_moves_points_ahead_to_the_left() {
+        let ahead = DVec3::new(0.0, 900.0, 0.0);
+        let yawed = |yaw_radians| Camera {
+            pitch_radians: 0.0,
+            yaw_radians,
+            ..camera()
+        };
+        let x = yawed(0.2).project(ahead).x;
+        let expected = 400.0 - camera().focal_px() * 0.2_f64.tan();
+        assert!((x - expected).abs() < 1e-9);
+        assert!((yawed(0.2).right().dot(DVec3::X) - 0.2_f64.cos()).abs() < 1e-12);
     }
 
     #[test]

@@ -9,6 +9,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use web_time::Instant;
 
+use pirouette::check::{CheckError, check_scan};
 use pirouette::detect::detect_keypoints;
 use pirouette::pipeline::{self, CancelToken, Config, Event, Goal, PipelineError, Report, Stage};
 use pirouette::scale::{Card, ScaleError, scale_by_card, scale_by_pixels};
@@ -69,6 +70,9 @@ pub enum JobError {
     /// The scale cannot be computed from the size of a pixel
     #[error("camera.mm_per_px: {0}")]
     PixelSize(#[source] ScaleError),
+    /// The photos cannot give a body
+    #[error(transparent)]
+    Check(#[from] CheckError),
     /// The computation failed or was cancelled
     #[error(transparent)]
     Pipeline(#[from] PipelineError),
@@ -125,6 +129,7 @@ pub fn run_job(
         None => None,
     };
     if config.goal > Goal::Segment {
+        check(&mut loaded)?;
         find_scale(&mut loaded, options.scale, on_event)?;
     }
     for warning in &loaded.warnings {
@@ -143,6 +148,20 @@ pub fn run_job(
         load_seconds,
         report,
     })
+}
+
+/// Checks the scan, and leaves out repeated photos
+fn check(loaded: &mut LoadedScan) -> Result<(), CheckError> {
+    let found = check_scan(&mut loaded.scan)?;
+    let of_scan = found.warnings.into_iter().map(ScanWarning::Check);
+    loaded.warnings.extend(of_scan);
+    let rejected = found.repeats.into_iter().map(|(view, first)| {
+        let first = loaded.scan.views[first].name.clone();
+        (view, ViewError::SamePhoto { first })
+    });
+    let rejected = rejected.collect();
+    loaded.reject(rejected);
+    Ok(())
 }
 
 /// Detects the keypoints of views without a keypoint file; returns the duration, in seconds

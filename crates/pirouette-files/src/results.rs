@@ -191,6 +191,10 @@ fn write_artifacts(
 
 /// Writes the body, and the hull if there is one, in each format
 fn write_bodies(sink: &Sink, report: &Report, formats: &[MeshFormat]) -> Result<(), ResultError> {
+    // The lengths of a body that is not measured are wrong, too.
+    if report.refusal.is_some() {
+        return Ok(());
+    }
     // A fitted body has bones and colors.
     let body = report.body.as_ref().map(|mesh| match &report.fit {
         Some(fit) => BodyMesh {
@@ -395,6 +399,9 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
         "warnings": warnings,
         "seconds": seconds,
     });
+    if let Some(refusal) = &report.refusal {
+        value["refusal"] = json!({ "code": refusal.code(), "message": refusal.to_string() });
+    }
     if detected_count(scan) > 0 {
         value["detector"] = json!("blazepose");
     }
@@ -457,6 +464,7 @@ fn camera_value(camera: &Camera) -> Value {
         "height_mm": rounded(camera.height_mm, 1),
         "distance_mm": rounded(camera.distance_mm, 1),
         "pitch_deg": rounded(camera.pitch_radians.to_degrees(), 3),
+        "yaw_deg": rounded(camera.yaw_radians.to_degrees(), 3),
     })
 }
 

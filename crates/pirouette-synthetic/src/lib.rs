@@ -67,6 +67,7 @@ impl SyntheticOptions {
             height_mm: stature_mm * 0.52,
             distance_mm: seen / (2.0 * (vertical_fov_radians / 2.0).tan()) + 0.1 * stature_mm,
             pitch_radians: 0.0,
+            yaw_radians: 0.0,
         }
     }
 }
@@ -168,6 +169,7 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
             height_mm: Some(camera.height_mm),
             distance_mm: None,
             pitch_radians: (camera.pitch_radians != 0.0).then_some(camera.pitch_radians),
+            yaw_radians: None,
         },
         views: Vec::new(),
         unusable_view_count: 0,

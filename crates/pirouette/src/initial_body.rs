@@ -175,6 +175,7 @@ fn pose_avatar(
         height_mm: Some(camera.height_mm),
         distance_mm: Some(camera.distance_mm),
         pitch_radians: Some(camera.pitch_radians),
+        yaw_radians: Some(camera.yaw_radians),
     };
     let options = SkeletonFitOptions {
         fix_swaps: false,

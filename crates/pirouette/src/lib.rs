@@ -87,6 +87,7 @@
 
 pub mod body_fit;
 pub mod carve;
+pub mod check;
 pub mod color;
 pub mod detect;
 pub mod measure;

@@ -69,6 +69,8 @@ pub struct CameraSetup {
     pub distance_mm: Option<f64>,
     /// Pitch; positive looks down
     pub pitch_radians: Option<f64>,
+    /// Yaw; positive looks to the right of the turning axis
+    pub yaw_radians: Option<f64>,
 }
 
 /// Origin of the keypoints of a view

@@ -185,6 +185,7 @@ mod tests {
             height_mm: 900.0,
             distance_mm: 2500.0,
             pitch_radians: 0.0,
+            yaw_radians: 0.0,
         }
     }
 

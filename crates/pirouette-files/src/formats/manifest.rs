@@ -21,6 +21,7 @@ const VERTICAL_FOV_DEG: RangeInclusive<f64> = 2.0..=150.0;
 const CAMERA_HEIGHT_MM: RangeInclusive<f64> = 0.0..=10_000.0;
 const CAMERA_DISTANCE_MM: RangeInclusive<f64> = 300.0..=100_000.0;
 const PITCH_DEG: RangeInclusive<f64> = -80.0..=80.0;
+const YAW_DEG: RangeInclusive<f64> = -60.0..=60.0;
 const ANGLE_DEG: RangeInclusive<f64> = -3600.0..=3600.0;
 
 /// A checked manifest
@@ -121,6 +122,7 @@ struct CameraFile {
     height_mm: Option<f64>,
     distance_mm: Option<f64>,
     pitch_deg: Option<f64>,
+    yaw_deg: Option<f64>,
     mm_per_px: Option<f64>,
 }
 
@@ -162,6 +164,8 @@ pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
                 "camera.distance_mm".into()
             })?,
             pitch_radians: within(camera.pitch_deg, PITCH_DEG, || "camera.pitch_deg".into())?
+                .map(f64::to_radians),
+            yaw_radians: within(camera.yaw_deg, YAW_DEG, || "camera.yaw_deg".into())?
                 .map(f64::to_radians),
         },
         views: file.views,

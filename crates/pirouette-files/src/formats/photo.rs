@@ -39,8 +39,10 @@ const PLAUSIBLE_FOV_DEGREES: std::ops::RangeInclusive<f64> = 5.0..=120.0;
 pub struct DecodedPhoto {
     /// The pixels, upright
     pub photo: Photo,
-    /// Vertical field of view of the upright photo, from EXIF
+    /// Vertical field of view of the upright photo, from EXIF; `None` for cropped photos
     pub vertical_fov_radians: Option<f64>,
+    /// Longer and shorter side of the photo as taken, by EXIF, if that differs in shape: the photo was cropped
+    pub cropped_from_px: Option<(usize, usize)>,
 }
 
 /// Why a photo or mask cannot be used
@@ -96,13 +98,18 @@ pub fn decode_photo(bytes: &[u8]) -> Result<DecodedPhoto, PhotoError> {
             height_px: height,
         });
     }
-    let vertical_fov_radians = exif.and_then(|exif| {
-        let focal_mm = focal_length_in_35mm_film(exif)?;
+    let exif = exif.and_then(|exif| exif::Reader::new().read_raw(exif).ok());
+    let cropped_from_px = exif
+        .as_ref()
+        .and_then(|exif| cropped_from(exif, width, height));
+    let vertical_fov_radians = exif.filter(|_| cropped_from_px.is_none()).and_then(|exif| {
+        let focal_mm = focal_length_in_35mm_film(&exif)?;
         vertical_fov(focal_mm, width, height)
     });
     Ok(DecodedPhoto {
         photo,
         vertical_fov_radians,
+        cropped_from_px,
     })
 }
 
@@ -225,8 +232,27 @@ fn jpeg_is_complete(bytes: &[u8]) -> bool {
     }
 }
 
-fn focal_length_in_35mm_film(exif: Vec<u8>) -> Option<f64> {
-    let exif = exif::Reader::new().read_raw(exif).ok()?;
+/// Relative difference in shape of a photo and its EXIF data above which it was cropped; scaling rounds to pixels
+const SHAPE_TOLERANCE: f64 = 0.02;
+
+/// Returns the longer and the shorter side by EXIF if they differ in shape from the photo
+fn cropped_from(exif: &exif::Exif, width_px: usize, height_px: usize) -> Option<(usize, usize)> {
+    let side = |tag| {
+        let field = exif.get_field(tag, exif::In::PRIMARY)?;
+        field.value.get_uint(0).filter(|&side| side > 0)
+    };
+    let sides = (
+        side(exif::Tag::PixelXDimension)? as usize,
+        side(exif::Tag::PixelYDimension)? as usize,
+    );
+    // Programs that rotate photos leave the sides as they were.
+    let ordered = |(a, b): (usize, usize)| (a.max(b), a.min(b));
+    let shape = |(long, short): (usize, usize)| long as f64 / short as f64;
+    let (taken, given) = (ordered(sides), ordered((width_px, height_px)));
+    ((shape(taken) / shape(given) - 1.0).abs() > SHAPE_TOLERANCE).then_some(taken)
+}
+
+fn focal_length_in_35mm_film(exif: &exif::Exif) -> Option<f64> {
     let field = exif.get_field(exif::Tag::FocalLengthIn35mmFilm, exif::In::PRIMARY)?;
     let focal_mm = field.value.get_uint(0)?;
     // 0 means "unknown" in the standard.

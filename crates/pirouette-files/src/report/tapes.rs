@@ -210,6 +210,7 @@ fn far_camera(low: DVec3, high: DVec3) -> Camera {
         height_mm: (low.y + high.y) / 2.0,
         distance_mm: DISTANCE_STATURES * stature,
         pitch_radians: 0.0,
+        yaw_radians: 0.0,
     }
 }
 
@@ -266,6 +267,7 @@ mod tests {
             subject: Subject::default(),
             given_masks: 1.0,
             detected_keypoints: 0.0,
+            extra_sd: pirouette::measure::ExtraSd::default(),
         });
         let sheet = tape_sheet(
             &avatar.mesh,
@@ -336,6 +338,7 @@ mod tests {
             subject: Subject::default(),
             given_masks: 1.0,
             detected_keypoints: 0.0,
+            extra_sd: pirouette::measure::ExtraSd::default(),
         });
         let sheet = tape_sheet(&TriMesh::default(), &SilhouetteMesh::new(&[]), &all);
         assert!(sheet.as_slice().iter().all(|p| *p == [250; 3]));

@@ -189,6 +189,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
     let (mut views, mut failed, mut fields_of_view) = (Vec::new(), Vec::new(), Vec::new());
     let (mut files, mut without_keypoints) = (Vec::new(), Vec::new());
     let mut missing_files = Vec::new();
+    let mut cropped = None;
     for (index, (entry, result)) in entries.iter().zip(loaded).enumerate() {
         let name = manifest::stem(&entry.image);
         let turn = turn(index);
@@ -205,6 +206,15 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                     without_keypoints.push(views.len());
                 }
                 fields_of_view.extend(loaded.vertical_fov_radians);
+                if let Some((exif_width_px, exif_height_px)) = loaded.cropped_from_px {
+                    let (width_px, height_px) = loaded.input_size_px;
+                    cropped.get_or_insert(ScanWarning::Cropped {
+                        width_px,
+                        height_px,
+                        exif_width_px,
+                        exif_height_px,
+                    });
+                }
                 files.push(entry.image.clone());
                 views.push(View {
                     name,
@@ -229,6 +239,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
             first: first.clone(),
         });
     }
+    warnings.extend(cropped.filter(|_| manifest.camera.vertical_fov_radians.is_none()));
     let camera = CameraSetup {
         vertical_fov_radians: manifest
             .camera

@@ -3,6 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
+use pirouette::check::CheckWarning;
 use thiserror::Error;
 
 use crate::formats::manifest::ManifestError;
@@ -70,6 +71,10 @@ pub enum ViewError {
     )]
     NoPerson { file: String },
     #[error(
+        "its photo is that of view {first}, at another angle; give each photo once, at its angle"
+    )]
+    SamePhoto { first: String },
+    #[error(
         "no person was detected in {file}; show the person from head to toe, or provide keypoints"
     )]
     NotDetected { file: String },
@@ -121,6 +126,18 @@ pub enum ScanWarning {
         "{file} was ignored, since its name is not that of a photo; list it in scan.json to use it"
     )]
     ImageIgnored { file: String },
+    #[error(
+        "EXIF data describe photos of {exif_width_px} x {exif_height_px} px, but these have {width_px} x {height_px} px: \
+         they were cropped, and the field of view by EXIF is not used; give camera.vertical_fov_deg, or the photos as taken"
+    )]
+    Cropped {
+        width_px: usize,
+        height_px: usize,
+        exif_width_px: usize,
+        exif_height_px: usize,
+    },
+    #[error("{0}")]
+    Check(CheckWarning),
 }
 
 impl ScanWarning {
@@ -140,6 +157,8 @@ impl ScanWarning {
             ScanWarning::AnglesMissing { .. } => "angles_missing",
             ScanWarning::FieldsOfViewDiffer { .. } => "fields_of_view_differ",
             ScanWarning::ImageIgnored { .. } => "image_ignored",
+            ScanWarning::Cropped { .. } => "cropped",
+            ScanWarning::Check(warning) => warning.code(),
         }
     }
 }

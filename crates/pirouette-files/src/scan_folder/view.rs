@@ -26,6 +26,8 @@ pub(super) struct LoadedView {
     pub(super) missing_keypoint_file: Option<String>,
     pub(super) mask: Option<Mask>,
     pub(super) vertical_fov_radians: Option<f64>,
+    /// Sides of the photo as taken, by EXIF, if it was cropped
+    pub(super) cropped_from_px: Option<(usize, usize)>,
 }
 
 /// Reads the files of one view, and shrinks large photos
@@ -80,6 +82,7 @@ pub(super) fn load_view(
         missing_keypoint_file,
         mask,
         vertical_fov_radians: decoded.vertical_fov_radians,
+        cropped_from_px: decoded.cropped_from_px,
     })
 }
 

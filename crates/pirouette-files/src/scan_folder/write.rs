@@ -131,6 +131,7 @@ fn manifest_of(scan: &Scan) -> serde_json::Value {
         ("height_mm", scan.camera.height_mm),
         ("distance_mm", scan.camera.distance_mm),
         ("pitch_deg", scan.camera.pitch_radians.map(f64::to_degrees)),
+        ("yaw_deg", scan.camera.yaw_radians.map(f64::to_degrees)),
         ("mm_per_px", scan.mm_per_px),
     ];
     for (key, value) in camera {

@@ -104,7 +104,7 @@ pub(super) fn camera_rates(point: DVec3, camera: &Camera) -> [DVec3; 3] {
     [
         DVec3::NEG_Z,
         DVec3::NEG_Y,
-        DVec3::X.cross(point - camera.center()),
+        camera.right().cross(point - camera.center()),
     ]
 }
 

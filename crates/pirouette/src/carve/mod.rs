@@ -416,7 +416,8 @@ fn check_view(view: usize, given: &CarveView) -> Result<(), CarveError> {
         && camera.distance_mm > 0.0
         && camera.distance_mm.is_finite()
         && camera.height_mm.is_finite()
-        && camera.pitch_radians.is_finite();
+        && camera.pitch_radians.is_finite()
+        && camera.yaw_radians.is_finite();
     if !sees {
         return Err(CarveError::Camera {
             view,

@@ -65,6 +65,7 @@ fn camera() -> Camera {
         height_mm: 900.0,
         distance_mm: 2400.0,
         pitch_radians: 0.06,
+        yaw_radians: 0.0,
     }
 }
 

@@ -30,7 +30,7 @@ struct TapeEstimates {
 impl TapeEstimates {
     fn both(&self) -> Option<Estimate> {
         match (self.lines, self.body) {
-            (Some(lines), Some(body)) => Some(lines.combined(body)),
+            (Some(lines), Some(body)) => Some(lines.settled(body)),
             (one, other) => one.or(other),
         }
     }

@@ -27,6 +27,26 @@ pub struct BodyMass {
     pub stated_kg: Option<f64>,
 }
 
+/// Logarithm of the mass by the volume over the given one, above which they contradict each other
+///
+/// Four standard deviations of volume, density and stature.
+const CONTRADICTION: f64 = 0.11;
+
+impl BodyMass {
+    /// Returns the relative error of lengths that explains the difference from the given mass; 0 if the difference is
+    /// plausible
+    ///
+    /// Mass grows with the cube of the stature; a wrong mass is as likely as a wrong stature.
+    pub fn contradiction(&self) -> f64 {
+        let Some(stated_kg) = self.stated_kg.filter(|&kg| kg > 0.0) else {
+            return 0.0;
+        };
+        let log = (self.mass_kg / stated_kg).ln().abs();
+        let plausible = CONTRADICTION.max(3.0 * self.mass_sd_kg / self.mass_kg);
+        if log > plausible { log / 3.0 } else { 0.0 }
+    }
+}
+
 /// Computes volume and mass; `None` without a body or without a scale
 pub(super) fn estimate_mass(input: &MeasureInput, scale_sd: f64) -> Option<BodyMass> {
     let volume_l = input.body.volume() / 1e6;

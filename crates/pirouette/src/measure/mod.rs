@@ -76,6 +76,32 @@ pub struct MeasureInput<'a> {
     pub given_masks: f64,
     /// Share of the views whose keypoints were detected instead of given: see [`crate::detect`]
     pub detected_keypoints: f64,
+    /// Additional standard deviation of this scan
+    pub extra_sd: ExtraSd,
+}
+
+/// Standard deviation in addition to that of a usual scan
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ExtraSd {
+    /// Of every value but the stature, as a share of it
+    pub share: f64,
+    /// Of the position of an outline, in mm
+    pub outline_mm: f64,
+}
+
+impl ExtraSd {
+    /// Returns the standard deviation of a value, in mm; an outline that is off widens a girth by a circle's share
+    fn of(&self, measure: Measure, value_mm: f64) -> f64 {
+        let turns = if measure.girths().is_empty() {
+            1.0
+        } else {
+            std::f64::consts::TAU
+        };
+        match measure {
+            Measure::Stature => 0.0,
+            _ => (self.share * value_mm).hypot(turns * self.outline_mm),
+        }
+    }
 }
 
 impl MeasureInput<'_> {
@@ -112,6 +138,8 @@ pub fn measure(input: &MeasureInput) -> Measurements {
     };
     let (views, marked) = pirouette_geom::parallel::join(see_views, || MarkedAvatar::new(avatar));
     let scale_sd = lengths::scale_sd(input);
+    let mass = mass::estimate_mass(input, scale_sd);
+    let contradiction = mass.as_ref().map_or(0.0, BodyMass::contradiction);
     let values = Measure::ALL.into_par_iter().map(|measure| {
         let measured = match measure {
             Measure::Stature => lengths::stature(input),
@@ -121,10 +149,25 @@ pub fn measure(input: &MeasureInput) -> Measurements {
             _ => lengths::measure_length(input, &marked, measure),
         };
         let keypoint_sd = input.detected_keypoints * detected_keypoints_sd(measure);
-        let measured = measured
-            .with_keypoint_sd(keypoint_sd)
-            .with_scale_sd(scale_sd);
-        (measure, prior::support(input, measure, measured))
+        let doubtful = |value_mm| {
+            let keypoint_mm: f64 = keypoint_sd * value_mm;
+            let share_mm = contradiction * value_mm;
+            let extra_mm = input.extra_sd.of(measure, value_mm);
+            keypoint_mm
+                .hypot(extra_mm)
+                .hypot(if measure == Measure::Stature {
+                    0.0
+                } else {
+                    share_mm
+                })
+        };
+        let measured = measured.with_more_sd(doubtful).with_scale_sd(scale_sd);
+        // Statistics of a mass that the body contradicts would only hide the contradiction.
+        if contradiction > 0.0 {
+            (measure, measured)
+        } else {
+            (measure, prior::support(input, measure, measured))
+        }
     });
     let values: Vec<(Measure, Measured)> = values.collect();
     let height = values.iter().find(|(m, _)| *m == Measure::Stature);
@@ -134,7 +177,7 @@ pub fn measure(input: &MeasureInput) -> Measurements {
         height_mm: height_mm.unwrap_or(avatar.stature_mm()),
         values,
         subject: input.subject,
-        mass: mass::estimate_mass(input, scale_sd),
+        mass,
         tapes: marked.tape_curves(),
     }
 }

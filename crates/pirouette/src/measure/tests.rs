@@ -116,6 +116,7 @@ fn camera() -> Camera {
         height_mm: 900.0,
         distance_mm: 2400.0,
         pitch_radians: 0.03,
+        yaw_radians: 0.0,
     }
 }
 
@@ -372,6 +373,7 @@ fn input_of<'a>(
         subject: Subject::default(),
         given_masks: 1.0,
         detected_keypoints: 0.0,
+        extra_sd: ExtraSd::default(),
     }
 }
 
@@ -384,6 +386,7 @@ fn detected_keypoints_widen_the_standard_deviations_and_change_no_value() {
     let avatar = woman(1640.0);
     let input = |detected_keypoints| MeasureInput {
         detected_keypoints,
+        extra_sd: ExtraSd::default(),
         ..input_of(&avatar, &[], BodySource::Fitted)
     };
     let (given, detected) = (measure(&input(0.0)), measure(&input(1.0)));
@@ -528,6 +531,7 @@ fn unavailable_measures_carry_the_reason() {
         subject: Subject::default(),
         given_masks: 1.0,
         detected_keypoints: 0.0,
+        extra_sd: ExtraSd::default(),
     });
     let order: Vec<Measure> = all.iter().map(|(measure, _)| measure).collect();
     assert_eq!(order, Measure::ALL);

@@ -59,6 +59,24 @@ impl Estimate {
     /// (Errors of 100 random people correlate by 0.8 to 1 at trunk and legs, by 0.5 to 0.9 at neck and arms.)
     const CORRELATION: f64 = 0.9;
 
+    /// Share of the difference of two contradicting estimates that is the standard deviation of the better one
+    const CONTRADICTION_SHARE: f64 = 1.0 / 3.0;
+
+    /// Combines the estimate by the outlines (`self`) with that of the body
+    ///
+    /// If they contradict each other, the outlines are wrong there, mostly by an arm that covers the gap to the trunk; the
+    /// body is supported by all outlines and by its shape. Then the standard deviation contains the disagreement.
+    pub(super) fn settled(self, body: Self) -> Self {
+        if !self.contradicts(body) {
+            return self.combined(body);
+        }
+        let disagreement = Self::CONTRADICTION_SHARE * (self.value_mm - body.value_mm);
+        Self {
+            value_mm: body.value_mm,
+            sd_mm: body.sd_mm.hypot(disagreement),
+        }
+    }
+
     /// Returns the variance-weighted mean of two estimates
     pub(super) fn combined(self, other: Self) -> Self {
         let [a, b] = [self, other].map(|e| e.sd_mm.max(1e-6));
@@ -138,10 +156,10 @@ impl Measured {
         }
     }
 
-    /// Adds the uncertainty due to detected keypoints, as a share of the value
-    pub(super) fn with_keypoint_sd(mut self, share: f64) -> Self {
+    /// Adds an independent standard deviation, a function of the value
+    pub(super) fn with_more_sd(mut self, sd_mm: impl Fn(f64) -> f64) -> Self {
         if let (Ok(value), Some(sd)) = (self.value_mm, self.sd_mm) {
-            self.sd_mm = Some(sd.hypot(value * share));
+            self.sd_mm = Some(sd.hypot(sd_mm(value)));
         }
         self
     }

@@ -18,6 +18,7 @@ use crate::pipeline::stages::{
     Normalizer, carve_views, make_avatar, measure_views, normalized_outlines,
     photographed_outlines, render_priors,
 };
+use crate::pipeline::verdict::Doubts;
 use crate::pipeline::warning::{self, Warning};
 use crate::pipeline::{
     AvatarSource, CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError,
@@ -94,6 +95,10 @@ impl<'a> Job<'a> {
         (self.on_event)(Event::StageDone { stage, seconds });
         self.seconds.push((stage, seconds));
         Ok(result)
+    }
+
+    pub(super) fn scan(&self) -> &'a Scan {
+        self.scan
     }
 
     fn warn(&mut self, warning: Warning) {
@@ -422,6 +427,7 @@ impl<'a> Job<'a> {
             count as f64 / views.len().max(1) as f64
         };
         let detected_keypoints = share_of(&|view| view.keypoints_from != KeypointSource::Given);
+        let doubts = Doubts::of(scan, report);
         let found = self.stage(Stage::Measure, 1, |_| {
             let outlines = match source {
                 BodySource::Fitted => photographed_outlines(views),
@@ -437,10 +443,33 @@ impl<'a> Job<'a> {
                 subject: scan.subject,
                 given_masks: share_of(&|view| view.mask.is_some()),
                 detected_keypoints,
+                extra_sd: doubts.extra_sd(),
             })
         })?;
         if detected_keypoints > 0.0 {
             self.warn(Warning::KeypointsDetected);
+        }
+        if let Some(overlap) = doubts.overlap {
+            self.warn(Warning::LowOverlap { overlap });
+        }
+        if let Some(blur_mm) = doubts.blur_mm {
+            self.warn(Warning::Blurred { blur_mm });
+        }
+        if let Some(px_mm) = doubts.px_mm {
+            self.warn(Warning::SmallPerson { px_mm });
+        }
+        if doubts.cut_arms > 0 {
+            let view_count = doubts.cut_arms;
+            self.warn(Warning::ArmsCutOff { view_count });
+        }
+        if let Some(mass) = found
+            .mass
+            .as_ref()
+            .filter(|mass| mass.contradiction() > 0.0)
+            && let Some(stated_kg) = mass.stated_kg
+        {
+            let mass_kg = mass.mass_kg;
+            self.warn(Warning::MassContradicted { stated_kg, mass_kg });
         }
         for (measure, measured) in found.iter() {
             if let (true, Some(lines), Some(body)) =

@@ -7,6 +7,7 @@ mod event;
 mod job;
 mod report;
 mod stages;
+mod verdict;
 mod warning;
 
 use thiserror::Error;
@@ -28,6 +29,7 @@ pub use report::{DropReason, DroppedView, Report};
 pub use stages::{
     Normalizer, carve_views, make_avatar, normalized_outlines, photographed_outlines, render_priors,
 };
+pub use verdict::Refusal;
 pub use warning::Warning;
 
 /// Method that transforms views to the reference pose
@@ -215,6 +217,10 @@ fn find_body(job: &mut Job, report: &mut Report) -> Result<(), PipelineError> {
     }
     let normalized_outlines = job.carve(report)?;
     if goal < Goal::Measure {
+        return Ok(());
+    }
+    report.refusal = verdict::judge(job.scan(), report);
+    if report.refusal.is_some() {
         return Ok(());
     }
     job.measure(report, normalized_outlines)

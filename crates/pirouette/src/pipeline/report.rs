@@ -7,7 +7,7 @@ use crate::body_fit::FittedBody;
 use crate::color::SurfaceColors;
 use crate::measure::Measurements;
 use crate::normalize::NormalizeError;
-use crate::pipeline::{Config, Goal, InitialMannequin, Method, Stage, Warning};
+use crate::pipeline::{Config, Goal, InitialMannequin, Method, Refusal, Stage, Warning};
 use crate::segment::SegmentError;
 use crate::skeleton_fit::Skeleton;
 use crate::view::{SolvedView, ViewId};
@@ -36,6 +36,8 @@ pub struct Report {
     pub colors: Option<SurfaceColors>,
     /// The visual hull of the normalized silhouettes, if requested
     pub hull: Option<TriMesh>,
+    /// Why the body was not measured
+    pub refusal: Option<Refusal>,
     /// Measurements of the body
     pub measurements: Option<Measurements>,
     /// The rejected views
@@ -65,6 +67,7 @@ impl Report {
             body: None,
             colors: None,
             hull: None,
+            refusal: None,
             measurements: None,
             dropped: Vec::new(),
             warnings: Vec::new(),

@@ -38,6 +38,27 @@ pub enum Warning {
          for bust girth and back length"
     )]
     KeypointsDetected,
+    #[error(
+        "the body matches the silhouettes with an overlap of {overlap:.3} only: standard deviations are larger; \
+         check contact.jpg"
+    )]
+    LowOverlap { overlap: f64 },
+    #[error(
+        "the photos are blurred by {blur_mm:.0} mm: standard deviations are larger; focus on the person, in more light"
+    )]
+    Blurred { blur_mm: f64 },
+    #[error(
+        "the person is small in the photos: a pixel shows {px_mm:.1} mm, and standard deviations are larger; \
+         take larger photos, or stand nearer"
+    )]
+    SmallPerson { px_mm: f64 },
+    #[error("arms or hands are outside the photo in {view_count} views")]
+    ArmsCutOff { view_count: usize },
+    #[error(
+        "the body has {mass_kg:.0} kg by its volume, {stated_kg:.0} kg are given: standard deviations are larger; \
+         check subject.stature_mm and subject.mass_kg"
+    )]
+    MassContradicted { stated_kg: f64, mass_kg: f64 },
     #[error("view {view}: {warning}")]
     Normalize {
         view: String,
@@ -65,6 +86,11 @@ impl Warning {
             Warning::NoSkeleton(_)
             | Warning::Skeleton(_)
             | Warning::KeypointsDetected
+            | Warning::LowOverlap { .. }
+            | Warning::Blurred { .. }
+            | Warning::SmallPerson { .. }
+            | Warning::ArmsCutOff { .. }
+            | Warning::MassContradicted { .. }
             | Warning::TapesDiffer { .. } => None,
         }
     }
@@ -78,6 +104,8 @@ impl Warning {
                 SkeletonFitWarning::StatureUnknown { .. } => "stature_unknown",
                 SkeletonFitWarning::FieldOfViewUnknown { .. } => "field_of_view_unknown",
                 SkeletonFitWarning::CameraHeightUnknown { .. } => "camera_height_unknown",
+                SkeletonFitWarning::CameraHeightContradicted { .. } => "camera_height_contradicted",
+                SkeletonFitWarning::BesideMiddle { .. } => "beside_middle",
                 SkeletonFitWarning::TurnedBackward => "turned_backward",
                 SkeletonFitWarning::TurnsShifted { .. } => "turns_shifted",
                 SkeletonFitWarning::ViewWithoutKeypoints { .. } => "view_without_keypoints",
@@ -88,6 +116,11 @@ impl Warning {
             Warning::SidesSwapped { .. } => "sides_swapped",
             Warning::Outlier { .. } => "outlier",
             Warning::KeypointsDetected => "keypoints_detected",
+            Warning::LowOverlap { .. } => "low_overlap",
+            Warning::Blurred { .. } => "blurred",
+            Warning::SmallPerson { .. } => "small_person",
+            Warning::ArmsCutOff { .. } => "arms_cut_off",
+            Warning::MassContradicted { .. } => "mass_contradicted",
             Warning::TapesDiffer { .. } => "tapes_differ",
             Warning::Normalize { warning, .. } => match warning {
                 NormalizeWarning::NoHandles => "no_handles",

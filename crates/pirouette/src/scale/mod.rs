@@ -8,7 +8,7 @@ mod edges;
 
 use thiserror::Error;
 
-use crate::scan::{CameraSetup, Scan, StatureFrom};
+use crate::scan::{CameraSetup, Photo, Scan, StatureFrom};
 use crate::skeleton_fit::{KeypointView, SkeletonFitError, SkeletonFitOptions, fit_skeleton};
 use pirouette_body::Joint;
 use pirouette_body::mannequin::{MannequinError, MannequinParameters, mannequin};
@@ -29,6 +29,11 @@ pub enum ScaleError {
          well lit, in front of a background of another color; or specify the stature"
     )]
     NoCard,
+    #[error(
+        "the rectangle in photo {view} stays in its place while the person turns: it belongs to the room, not to the person; \
+         hold the card in one photo only, or specify the stature"
+    )]
+    Still { view: String },
     #[error(
         "photos {first} and {second} show cards of different scales ({first_mm:.3} and {second_mm:.3} mm per px); \
          keep only one of the cards, or specify the stature"
@@ -97,21 +102,24 @@ pub fn scale_by_pixels(
 /// Sets the stature of a scan from a card in one of its photos; returns the view and the card
 ///
 /// # Errors
-/// When there is no card, when cards are inconsistent, or no skeleton fits.
+/// When there is no card or it stays in its place in most photos, when cards are inconsistent, or no skeleton fits.
 pub fn scale_by_card(scan: &mut Scan) -> Result<(String, Card), ScaleError> {
     let mut found: Vec<(String, Card)> = Vec::new();
-    for view in &scan.views {
+    let mut still = None;
+    for (index, view) in scan.views.iter().enumerate() {
         let points: Vec<glam::DVec2> = Joint::ALL
             .iter()
             .filter_map(|&joint| Some(view.keypoints.found(joint)?.position))
             .collect();
-        if let Ok(card) = find_card(&view.photo, &points) {
-            found.push((view.name.clone(), card));
+        match find_card(&view.photo, &points) {
+            Ok(card) if is_still(scan, index, &card) => still = Some(view.name.clone()),
+            Ok(card) => found.push((view.name.clone(), card)),
+            Err(_) => {}
         }
     }
     found.sort_by(|a, b| b.1.coverage.total_cmp(&a.1.coverage));
     let Some(best) = found.first().cloned() else {
-        return Err(ScaleError::NoCard);
+        return Err(still.map_or(ScaleError::NoCard, |view| ScaleError::Still { view }));
     };
     for (name, card) in &found[1..] {
         if (card.mm_per_px / best.1.mm_per_px - 1.0).abs() > CARD_SPREAD {
@@ -125,4 +133,48 @@ pub fn scale_by_card(scan: &mut Scan) -> Result<(String, Card), ScaleError> {
     }
     scale_by_pixels(scan, best.1.mm_per_px, StatureFrom::Card)?;
     Ok(best)
+}
+
+/// Mean difference of the pixels of a card, in gray levels, below which another photo shows the same there
+const SAME_LEVELS: f64 = 10.0;
+
+/// Returns whether most other photos show the same at the place of a card: an object of the room
+fn is_still(scan: &Scan, index: usize, card: &Card) -> bool {
+    let photo = &scan.views[index].photo;
+    let others = || {
+        let others = scan.views.iter().enumerate();
+        others.filter(|&(i, view)| i != index && view.photo.same_size(photo))
+    };
+    let same = others().filter(|(_, view)| difference_at(photo, &view.photo, card) < SAME_LEVELS);
+    let count = others().count();
+    count > 0 && 2 * same.count() > count
+}
+
+/// Returns the mean difference of two photos of one size in the bounding box of a card, in gray levels
+fn difference_at(a: &Photo, b: &Photo, card: &Card) -> f64 {
+    let corners = card.corners.iter().copied();
+    let (Some(low), Some(high)) = (
+        corners.clone().reduce(glam::DVec2::min),
+        corners.reduce(glam::DVec2::max),
+    ) else {
+        return f64::INFINITY;
+    };
+    let range = |low: f64, high: f64, size: usize| {
+        (low.max(0.0) as usize).min(size)..(high.max(0.0) as usize + 1).min(size)
+    };
+    let (mut sum, mut count) = (0u64, 0u64);
+    for y in range(low.y, high.y, a.height()) {
+        for x in range(low.x, high.x, a.width()) {
+            let channels = a[(x, y)].iter().zip(b[(x, y)]);
+            sum += channels
+                .map(|(&a, b)| u64::from(a.abs_diff(b)))
+                .sum::<u64>();
+            count += 3;
+        }
+    }
+    if count > 0 {
+        sum as f64 / count as f64
+    } else {
+        f64::INFINITY
+    }
 }

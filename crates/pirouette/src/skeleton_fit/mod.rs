@@ -172,6 +172,26 @@ pub enum SkeletonFitWarning {
         /// Height in use, in mm
         estimated_mm: f64,
     },
+    /// The given height of the camera is inconsistent with the photos
+    #[error(
+        "the camera cannot be {given_mm:.0} mm high: {estimated_mm:.0} mm fit best and are assumed; \
+         correct camera.height_mm in scan.json"
+    )]
+    CameraHeightContradicted {
+        /// Given height, in mm
+        given_mm: f64,
+        /// Height in use, in mm
+        estimated_mm: f64,
+    },
+    /// The person stands beside the middle of the photos
+    #[error(
+        "the person stands beside the middle of the photos: a camera turned aside by {yaw_degrees:.1} degrees is assumed; \
+         do not crop the photos, and point the camera at the person"
+    )]
+    BesideMiddle {
+        /// Assumed yaw, in degrees; positive looks to the right of the person
+        yaw_degrees: f64,
+    },
     /// The person turned in the opposite direction
     #[error(
         "the person turns to the own right: the turn angles were taken with the opposite sign; \
@@ -273,6 +293,12 @@ const OUTLIER_SIGMAS: f64 = 5.0;
 /// Maximum number of searches for swaps, each followed by a new solution
 const FIX_ROUNDS: usize = 3;
 
+/// Pitch of the camera, in prior standard deviations, that makes its given height doubtful
+const IMPLAUSIBLE_PITCH_SIGMAS: f64 = 3.0;
+
+/// Log-likelihood gain required to replace the given height of the camera
+const CLEAR_HEIGHT_GAIN: f64 = 8.0;
+
 /// Log-likelihood gain required for a posture
 ///
 /// 1.5 per unknown, of which there are 18. Rendered people in the reference pose gain 2 to 11, a real person with
@@ -355,6 +381,19 @@ pub fn fit_skeleton(
         });
     }
     let mut swaps = Vec::new();
+    if turn_correction.swapped {
+        swaps.extend((0..views.len()).map(|view| (view, SwapGroup::Body)));
+    }
+    if let Some(given_mm) = camera.height_mm
+        && let Some(freed) = free_height(&problem, &solution, options)
+    {
+        (problem, solution) = freed;
+        let shared = problem.shared(&solution.unknowns.shared);
+        warnings.push(SkeletonFitWarning::CameraHeightContradicted {
+            given_mm,
+            estimated_mm: shared.camera_of(&problem.views[0]).height_mm,
+        });
+    }
     fix_all_swaps(&mut problem, &mut solution, &mut swaps, options);
     if options.free_posture {
         problem.free_posture = true;
@@ -384,6 +423,25 @@ pub fn fit_skeleton(
         },
         warnings,
     ))
+}
+
+/// Solves without the given height of the camera if the camera is implausibly pitched with it; `None` if it is not, or if
+/// the keypoints do not clearly support another height
+fn free_height(
+    given: &Problem,
+    solution: &Solution,
+    options: &SkeletonFitOptions,
+) -> Option<(Problem, Solution)> {
+    let (start, sigma) = given.camera.pitch_radians;
+    let shared = given.shared(&solution.unknowns.shared);
+    let pitch = shared.camera_of(given.views.first()?).pitch_radians;
+    if sigma <= 0.0 || (pitch - start).abs() < IMPLAUSIBLE_PITCH_SIGMAS * sigma {
+        return None;
+    }
+    let mut problem = given.clone();
+    problem.camera.height_mm = start::unknown_height(given.stature_mm);
+    let free = solve(&problem, problem.start(), options.rounds);
+    (free.cost < solution.cost - CLEAR_HEIGHT_GAIN).then_some((problem, free))
 }
 
 /// Fixes swaps and solves again, until no swaps are found
@@ -471,7 +529,9 @@ fn assemble(
             estimated_degrees: camera.vertical_fov_radians.to_degrees(),
         });
     }
-    if problem.camera.height_mm.1 > 0.0 {
+    let contradicted =
+        |w: &SkeletonFitWarning| matches!(w, SkeletonFitWarning::CameraHeightContradicted { .. });
+    if problem.camera.height_mm.1 > 0.0 && !warnings.iter().any(contradicted) {
         warnings.push(SkeletonFitWarning::CameraHeightUnknown {
             estimated_mm: camera.height_mm,
         });

@@ -68,6 +68,7 @@ pub(super) struct CameraPrior {
     pub(super) distance_mm: (f64, f64),
     pub(super) height_mm: (f64, f64),
     pub(super) pitch_radians: (f64, f64),
+    pub(super) yaw_radians: f64,
     pub(super) vertical_fov_radians: f64,
     /// Of the logarithm of the focal length, which starts at the value of the field of view
     pub(super) log_focal_sigma: f64,
@@ -209,6 +210,7 @@ impl Problem {
                 height_mm: prior.height_mm.0 + values[CAMERA_START + 1],
                 distance_mm: prior.distance_mm.0 + values[CAMERA_START],
                 pitch_radians: prior.pitch_radians.0 + values[CAMERA_START + 2],
+                yaw_radians: prior.yaw_radians,
             },
         }
     }

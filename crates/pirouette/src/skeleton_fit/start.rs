@@ -40,6 +40,12 @@ const MIN_DISTANCE_PER_STATURE: f64 = 0.75;
 /// Minimum height difference of two joints that determine the scale of a photo, relative to the stature
 const MIN_RISE_PER_STATURE: f64 = 0.15;
 
+/// Distance of the person from the middle of the photos, relative to their height, above which the camera is assumed to
+/// be turned aside
+///
+/// The poses explain smaller distances by shifts, which the swaying person needs, too.
+const MIN_BESIDE: f64 = 0.04;
+
 /// Minimum number of joints in all views together
 pub(super) const MIN_JOINTS: usize = 6;
 
@@ -114,9 +120,9 @@ pub(super) fn prepare(
     let given = known(setup.distance_mm).filter(|d| *d > 0.0);
     let distance_mm = given.or(seen).ok_or(SkeletonFitError::NoScale)?;
 
-    let views = views
+    let prepared = views
         .iter()
-        .zip(found)
+        .zip(&found)
         .map(|(view, joints)| {
             let stature_px =
                 focal_per_height * view.height_px as f64 * stature_mm / seen.unwrap_or(distance_mm);
@@ -124,7 +130,7 @@ pub(super) fn prepare(
                 turn: view.turn,
                 width_px: view.width_px,
                 height_px: view.height_px,
-                observed: joints.map(|joint| {
+                observed: joints.clone().map(|joint| {
                     joint.map(|keypoint| Observed {
                         position: keypoint.position,
                         sigma_px: keypoint_sigma_px(keypoint.confidence, stature_px),
@@ -133,23 +139,71 @@ pub(super) fn prepare(
             }
         })
         .collect();
+    let yaw_radians = known(setup.yaw_radians).unwrap_or_else(|| {
+        let yaw = yaw_of(views, &found, focal_per_height);
+        if yaw != 0.0 {
+            warnings.push(SkeletonFitWarning::BesideMiddle {
+                yaw_degrees: yaw.to_degrees(),
+            });
+        }
+        yaw
+    });
     let held = |value: Option<f64>, otherwise: (f64, f64)| value.map_or(otherwise, |v| (v, 0.0));
     let camera = CameraPrior {
         distance_mm: given.map_or((distance_mm, DISTANCE_SIGMA_MM), |d| {
             (d, GIVEN_DISTANCE_SIGMA_MM)
         }),
-        height_mm: held(
-            known(setup.height_mm),
-            (USUAL_CAMERA_HEIGHT * stature_mm, HEIGHT_SIGMA_MM),
-        ),
+        height_mm: held(known(setup.height_mm), unknown_height(stature_mm)),
         pitch_radians: held(
             known(setup.pitch_radians),
             (0.0, options.pitch_sigma_radians),
         ),
+        yaw_radians,
         vertical_fov_radians,
         log_focal_sigma: known_fov.map_or(UNKNOWN_LOG_FOCAL_SIGMA, |_| 0.0),
     };
-    Ok(Start { views, camera })
+    Ok(Start {
+        views: prepared,
+        camera,
+    })
+}
+
+/// Returns start and prior standard deviation of an unknown camera height, in mm
+pub(super) fn unknown_height(stature_mm: f64) -> (f64, f64) {
+    (USUAL_CAMERA_HEIGHT * stature_mm, HEIGHT_SIGMA_MM)
+}
+
+/// Returns the yaw of a camera that sees the person beside the middle of the photos; 0 if the person is near the middle
+///
+/// The image moves as if the camera were turned, or as if the photos were cropped or padded at one side. A camera that
+/// turns by an angle widens the image by the square of its reciprocal cosine: at 10 degrees by 3 %.
+fn yaw_of(
+    views: &[KeypointView],
+    found: &[PerJoint<Option<Keypoint>>],
+    focal_per_height: f64,
+) -> f64 {
+    const TRUNK: [Joint; 4] = [
+        Joint::LeftShoulder,
+        Joint::RightShoulder,
+        Joint::LeftHip,
+        Joint::RightHip,
+    ];
+    let mut offsets: Vec<f64> = views
+        .iter()
+        .zip(found)
+        .filter_map(|(view, joints)| {
+            let mut columns: Vec<f64> = TRUNK
+                .iter()
+                .filter_map(|&joint| Some(joints[joint]?.position.x))
+                .collect();
+            let offset = median(&mut columns)? - view.width_px as f64 / 2.0;
+            Some(offset / view.height_px as f64)
+        })
+        .collect();
+    match median(&mut offsets) {
+        Some(offset) if offset.abs() > MIN_BESIDE => -(offset / focal_per_height).atan(),
+        _ => 0.0,
+    }
 }
 
 /// Estimates the pixels per mm of one view: the median slope of photo height over body height (Theil-Sen)

@@ -85,7 +85,7 @@ impl SwapGroup {
         }
     }
 
-    fn swap_observed(self, view: &mut ViewData) {
+    pub(super) fn swap_observed(self, view: &mut ViewData) {
         for &left in self.left_joints() {
             view.observed.swap(left, left.mirrored());
         }

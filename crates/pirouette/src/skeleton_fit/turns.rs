@@ -2,6 +2,7 @@
 
 use super::model::{Problem, Shared, Unknowns};
 use super::solve::{Solution, solve};
+use super::swaps::SwapGroup;
 use pirouette_body::{Bone, Pose, TurnAngle};
 
 /// Fraction of outlier keypoints above which other turn angles are tried
@@ -25,6 +26,8 @@ pub struct TurnCorrection {
     pub reversed: bool,
     /// Offset added afterwards
     pub offset: TurnAngle,
+    /// Whether left and right of all joints were swapped in all views
+    pub swapped: bool,
 }
 
 impl TurnCorrection {
@@ -42,21 +45,26 @@ pub(super) fn solve_turns(problem: &mut Problem, rounds: usize) -> (Solution, Tu
     let mut unexplained = unexplained_share(problem, &best.unknowns);
     if unexplained > SUSPICIOUS_SHARE {
         let limit = CONVINCING_PART * unexplained;
-        for quarter in 0..4 {
-            for reversed in [false, true] {
+        let quarters = (0..4).map(|quarter| TurnAngle::from_degrees(90.0 * f64::from(quarter)));
+        for offset in quarters {
+            for (reversed, swapped) in [(false, false), (true, false), (false, true)] {
                 let candidate = TurnCorrection {
                     reversed,
-                    offset: TurnAngle::from_degrees(90.0 * f64::from(quarter)),
+                    offset,
+                    swapped,
                 };
                 set_turns(problem, &given, candidate);
+                set_swapped(problem, swapped);
                 let solution = solve(problem, problem.start(), rounds);
                 let left = unexplained_share(problem, &solution.unknowns);
+                set_swapped(problem, swapped);
                 if left < unexplained && left <= limit {
                     (best, unexplained, correction) = (solution, left, candidate);
                 }
             }
         }
         set_turns(problem, &given, correction);
+        set_swapped(problem, correction.swapped);
     }
     // The prior keeps the poses near the angles, so that one step transfers only part of a large offset.
     for _ in 0..MAX_OFFSET_STEPS {
@@ -76,6 +84,13 @@ pub(super) fn solve_turns(problem: &mut Problem, rounds: usize) -> (Solution, Tu
 fn set_turns(problem: &mut Problem, given: &[TurnAngle], correction: TurnCorrection) {
     for (view, &given) in problem.views.iter_mut().zip(given) {
         view.turn = correction.apply(given);
+    }
+}
+
+/// Swaps left and right of all joints in all views, if `swapped`; twice gives the original
+fn set_swapped(problem: &mut Problem, swapped: bool) {
+    for view in problem.views.iter_mut().filter(|_| swapped) {
+        SwapGroup::Body.swap_observed(view);
     }
 }
 

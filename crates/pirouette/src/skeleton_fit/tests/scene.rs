@@ -162,6 +162,7 @@ pub(super) fn scan(setting: &Setting) -> Truth {
         height_mm: 900.0,
         distance_mm: 2400.0,
         pitch_radians: setting.pitch_radians,
+        yaw_radians: 0.0,
     };
     let mut noise = Noise(setting.seed);
     let sigmas = Pose::prior_sigmas();
@@ -208,6 +209,7 @@ pub(super) fn setup(camera: &Camera) -> CameraSetup {
         height_mm: Some(camera.height_mm),
         distance_mm: None,
         pitch_radians: None,
+        yaw_radians: None,
     }
 }
 

@@ -1,0 +1,98 @@
+//! What silhouettes tell about the photos: people who are cut off by the border, and blur.
+
+use pirouette_geom::Mask;
+
+use crate::scan::Photo;
+
+/// Minimum extent of a cut along the border, as a share of the photo's height
+const MIN_CUT: f64 = 0.006;
+
+/// A border of the photo
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Border {
+    /// Cuts off the head
+    Top,
+    /// Cuts off the feet
+    Bottom,
+    /// Cuts off arms or hands
+    Side,
+}
+
+/// Counts the silhouettes that a border of the photo cuts off
+pub(crate) fn cut_off_views<'a>(masks: impl Iterator<Item = &'a Mask>, border: Border) -> usize {
+    masks.filter(|mask| is_cut_off(mask, border)).count()
+}
+
+fn is_cut_off(mask: &Mask, border: Border) -> bool {
+    let (width, height) = (mask.width(), mask.height());
+    if width == 0 || height == 0 {
+        return false;
+    }
+    let row = |y: usize| mask.row(y).iter().filter(|&&inside| inside).count();
+    let column = |x: usize| (0..height).filter(|&y| mask[(x, y)]).count();
+    let extent = match border {
+        Border::Top => row(0),
+        Border::Bottom => row(height - 1),
+        Border::Side => column(0).max(column(width - 1)),
+    };
+    extent as f64 > MIN_CUT * height as f64
+}
+
+/// Reach of a profile across the outline, in px to each side
+const REACH: usize = 7;
+
+/// Minimum difference of the sides of an outline, in gray levels, for its sharpness to be measured
+const MIN_CONTRAST: f64 = 40.0;
+
+/// Minimum number of profiles
+const MIN_PROFILES: usize = 40;
+
+/// Returns the blur of the outline of a person as the standard deviation of a Gaussian, in px; `None` where too few
+/// edges have contrast
+///
+/// Measured across upright edges, by the ratio of the steepest difference over two pixels to that of the sides; about 1
+/// for sharp photos.
+pub(crate) fn blur_px(photo: &Photo, mask: &Mask) -> Option<f64> {
+    if !photo.same_size(mask) || mask.width() <= 2 * REACH {
+        return None;
+    }
+    let mut blurs = Vec::new();
+    for y in (1..mask.height().saturating_sub(1)).step_by(3) {
+        let row = mask.row(y);
+        for x in REACH..mask.width() - REACH {
+            let clean = |inside: bool| {
+                let sides = (&row[x - REACH..x], &row[x..x + REACH]);
+                sides.0.iter().all(|&v| v != inside) && sides.1.iter().all(|&v| v == inside)
+            };
+            let upright = |y: usize| (-2..=2).any(|d| edge_at(mask.row(y), x, d));
+            if (clean(true) || clean(false)) && upright(y - 1) && upright(y + 1) {
+                blurs.extend(blur_of_profile(photo, x, y));
+            }
+        }
+    }
+    if blurs.len() < MIN_PROFILES {
+        return None;
+    }
+    blurs.sort_by(f64::total_cmp);
+    Some(blurs[blurs.len() / 2])
+}
+
+/// Returns whether a row has an edge near a column
+fn edge_at(row: &[bool], x: usize, offset: isize) -> bool {
+    let right = x.saturating_add_signed(offset);
+    let inside = |x: usize| row.get(x).copied().unwrap_or(false);
+    right > 0 && inside(right) != inside(right - 1)
+}
+
+/// Returns the blur of the edge between two pixels of a row
+fn blur_of_profile(photo: &Photo, x: usize, y: usize) -> Option<f64> {
+    let row = photo.row(y);
+    let gray = |x: usize| row[x].iter().map(|&v| f64::from(v)).sum::<f64>() / 3.0;
+    let (left, right) = (x - REACH, x + REACH - 1);
+    let contrast = (gray(right) - gray(left)).abs();
+    let steepest = (left..right - 1)
+        .map(|x| (gray(x + 2) - gray(x)).abs())
+        .fold(0.0, f64::max);
+    // The slope of a Gaussian edge over two pixels is 2 / (sqrt(2 pi) sigma) of its contrast.
+    (contrast > MIN_CONTRAST && steepest > 0.0).then(|| 0.8 * contrast / steepest)
+}
