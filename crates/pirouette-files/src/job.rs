@@ -146,7 +146,7 @@ pub fn run_job(
 }
 
 /// Detects the keypoints of views without a keypoint file; returns the duration, in seconds
-fn detect(
+pub(crate) fn detect(
     loaded: &mut LoadedScan,
     model: &PoseModel,
     cancel: &CancelToken,
