@@ -17,6 +17,7 @@ fn network(test: &str) -> Option<[String; 2]> {
     Some(["--pose-model".to_owned(), model.into_string().unwrap()])
 }
 
+#[cfg(not(feature = "embed-pose-model"))]
 #[test]
 fn without_a_network_the_one_message_names_the_remedy() {
     let folders = Folders::with_views(1);
