@@ -5,6 +5,7 @@ mod args;
 mod avatar_command;
 mod demo_command;
 mod eval_command;
+mod keypoints_command;
 mod models_command;
 mod output;
 mod progress;
@@ -74,6 +75,7 @@ fn run_command(cli: &Cli, output: Output, cancel: &CancelToken) -> Result<()> {
         Command::Normalize(args) => scan(args, Goal::Normalize),
         Command::Reconstruct(args) => scan(args, Goal::Reconstruct),
         Command::Measure(args) => scan(args, Goal::Measure),
+        Command::Keypoints(args) => keypoints_command::run(args, output, cli.quiet, cancel),
         Command::Demo(args) => demo_command::run(args, output, cli.quiet, cancel),
         Command::Size(args) => size_command::run(args, output),
         Command::Avatar(args) => avatar_command::run(args, output),

@@ -12,9 +12,6 @@ use serde_json::json;
 use crate::args::{ModelsAction, ModelsArgs};
 use crate::output::Output;
 
-/// Largest accepted size of a network file, in bytes
-const MAX_BYTES: u64 = 64 << 20;
-
 /// Runs the command
 pub fn run(args: &ModelsArgs, output: Output, cancel: &CancelToken) -> Result<()> {
     match &args.action {
@@ -134,36 +131,29 @@ fn list(output: Output) -> Result<()> {
         ));
         entries.push(json!({ "network": network.name(), "installed": installed, "file": file }));
     }
+    let embedded = models::embedded_network()?;
+    if let Some(network) = embedded {
+        text.push(format!("{:<6}embedded in this program", network.name()));
+        text.push(models::EMBEDDED_NOTICE.trim_end().to_owned());
+    }
     match &selected {
-        Some(file) => text.push(format!("used: {}", file.display())),
+        Some(source) => text.push(format!("used: {source}")),
         None => text.push("used: none; run 'pirouette models install'".to_owned()),
     }
-    output.done(
-        &text.join("\n"),
-        || json!({ "ok": true, "networks": entries, "used": selected }),
-    )
+    output.done(&text.join("\n"), || {
+        json!({
+            "ok": true, "networks": entries, "embedded": embedded.map(PoseNetwork::name),
+            "used": selected.as_ref().map(ToString::to_string),
+        })
+    })
 }
 
 /// Reads the network of the detector: the given file, or the one that is selected; `None` if there is none
 pub fn pose_model(given: Option<&Path>) -> Result<Option<PoseModel>> {
-    let Some(file) = models::find_network(given) else {
+    let Some(source) = models::find_network(given) else {
         return Ok(None);
     };
-    let metadata = std::fs::metadata(&file)
-        .with_context(|| format!("cannot read the pose model {}", file.display()))?;
-    // A pipe would block, and a device would never end.
-    if !metadata.is_file() {
-        bail!("the pose model {} is not a file", file.display());
-    }
-    let size = metadata.len();
-    if size > MAX_BYTES {
-        bail!(
-            "{} has {size} bytes; at most {MAX_BYTES} are accepted",
-            file.display()
-        );
-    }
-    let bytes = std::fs::read(&file)
-        .with_context(|| format!("cannot read the pose model {}", file.display()))?;
-    let model = PoseModel::parse(&bytes).with_context(|| file.display().to_string())?;
+    let bytes = source.read()?;
+    let model = PoseModel::parse(&bytes).with_context(|| source.to_string())?;
     Ok(Some(model))
 }

@@ -4,7 +4,7 @@ mod common;
 
 use common::{Folders, pirouette, text};
 
-const COMMANDS: [&str; 9] = [
+const COMMANDS: [&str; 11] = [
     "scan",
     "segment",
     "normalize",
@@ -13,6 +13,8 @@ const COMMANDS: [&str; 9] = [
     "avatar",
     "arap",
     "eval",
+    "keypoints",
+    "models",
     "completions",
 ];
 

@@ -6,6 +6,7 @@ mod common;
 
 use common::{Folders, pirouette, text};
 
+#[cfg(not(feature = "embed-pose-model"))]
 #[test]
 fn without_a_network_the_list_names_the_command_that_installs_one() {
     let run = pirouette(&["models", "list"]);
@@ -22,6 +23,22 @@ fn without_a_network_the_list_names_the_command_that_installs_one() {
     }
 }
 
+#[cfg(feature = "embed-pose-model")]
+#[test]
+fn an_embedded_network_is_listed_and_used() {
+    let run = pirouette(&["models", "list", "--json"]).exits_with(0);
+    let line = run.json_line();
+    assert!(line["embedded"].is_string(), "{line}");
+    assert_eq!(line["used"], "the embedded network");
+    let folders = Folders::with_views(1);
+    only_photos(&folders);
+    folders.run("keypoints", &[]).exits_with(0);
+    // A network that is named has precedence.
+    let file = folders.write("network.tflite", b"\x1c\0\0\0TFL3 damaged");
+    let run = folders.run("keypoints", &["--pose-model", text(&file)]);
+    assert!(run.exits_with(1).stderr().contains("network.tflite"));
+}
+
 #[test]
 fn a_file_that_is_no_package_is_not_installed() {
     let folders = Folders::empty();
@@ -35,6 +52,7 @@ fn a_file_that_is_no_package_is_not_installed() {
     );
 }
 
+#[cfg(not(feature = "embed-pose-model"))]
 #[test]
 fn photos_alone_without_a_network_name_the_remedy() {
     let folders = Folders::with_views(3);

@@ -11,7 +11,8 @@ use glam::DVec3;
 use pirouette_body::mannequin::{MannequinError, MannequinParameters, mannequin};
 use pirouette_body::{Avatar, Bone, Sex};
 use pirouette_synthetic::{
-    Clutter, Random, SyntheticOptions, SyntheticScan, synthesize, with_posture,
+    Appearance, Clutter, Random, SyntheticOptions, SyntheticScan, synthesize, synthesize_in,
+    with_posture,
 };
 
 /// Body mass indices of the people, uniformly distributed, in kg/m²
@@ -117,21 +118,31 @@ impl Person {
     ///
     /// Without `photos`, the exact silhouettes are provided as masks.
     pub fn photograph(&self, view_count: usize, noise: f64, photos: bool) -> SyntheticScan {
-        let (width_px, height_px) = PHOTO_SIZE_PX;
-        synthesize(
+        synthesize(&self.avatar, &self.options(view_count, noise, photos))
+    }
+
+    /// Photographs the person with default sway, exact turn angles, a given tone of the skin and a given light
+    pub fn photograph_in(&self, view_count: usize, appearance: &Appearance) -> SyntheticScan {
+        synthesize_in(
             &self.avatar,
-            &SyntheticOptions {
-                seed: self.seed,
-                turns: SyntheticOptions::even_turns(view_count),
-                camera: SyntheticOptions::camera_for(self.avatar.stature_mm(), width_px, height_px),
-                sway: 1.0,
-                keypoint_noise_px: KEYPOINT_NOISE_PX * noise,
-                turn_noise_radians: (TURN_NOISE_DEGREES * noise).to_radians(),
-                sensor_noise: SENSOR_NOISE,
-                clutter: Clutter::LivedIn,
-                photos,
-            },
+            &self.options(view_count, 0.0, true),
+            appearance,
         )
+    }
+
+    fn options(&self, view_count: usize, noise: f64, photos: bool) -> SyntheticOptions {
+        let (width_px, height_px) = PHOTO_SIZE_PX;
+        SyntheticOptions {
+            seed: self.seed,
+            turns: SyntheticOptions::even_turns(view_count),
+            camera: SyntheticOptions::camera_for(self.avatar.stature_mm(), width_px, height_px),
+            sway: 1.0,
+            keypoint_noise_px: KEYPOINT_NOISE_PX * noise,
+            turn_noise_radians: (TURN_NOISE_DEGREES * noise).to_radians(),
+            sensor_noise: SENSOR_NOISE,
+            clutter: Clutter::LivedIn,
+            photos,
+        }
     }
 
     /// Describes the person in a few words

@@ -165,7 +165,7 @@ fn check(loaded: &mut LoadedScan) -> Result<(), CheckError> {
 }
 
 /// Detects the keypoints of views without a keypoint file; returns the duration, in seconds
-fn detect(
+pub(crate) fn detect(
     loaded: &mut LoadedScan,
     model: &PoseModel,
     cancel: &CancelToken,

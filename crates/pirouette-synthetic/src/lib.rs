@@ -4,12 +4,14 @@
 //! the outline, perspective, sensor noise), and simple elsewhere (one light, no cast shadows except around the feet).
 //! The shape comes from an [`Avatar`], so it is only as realistic as that.
 
+mod appearance;
 pub mod people;
 mod person;
 mod random;
 mod room;
 mod sway;
 
+pub use appearance::{Appearance, Lighting};
 pub use random::Random;
 pub use room::Clutter;
 
@@ -98,10 +100,21 @@ pub struct Truth {
 
 /// Renders a scan of an avatar that turns and sways
 pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan {
+    synthesize_in(avatar, options, &Appearance::default())
+}
+
+/// Like [`synthesize`], with a given tone of the skin and a given light
+pub fn synthesize_in(
+    avatar: &Avatar,
+    options: &SyntheticOptions,
+    appearance: &Appearance,
+) -> SyntheticScan {
     let camera = options.camera;
+    let lighting = appearance.lighting;
     let painted = options.photos.then(|| {
-        let look = person::Look::new(avatar, options.seed);
-        let background = room::Room::new(options.seed, options.clutter).render(&camera);
+        let look = person::Look::new(avatar, options.seed, appearance);
+        let mut background = room::Room::new(options.seed, options.clutter).render(&camera);
+        lighting.light_room(&mut background);
         (look, background)
     });
     let views: Vec<_> = options
@@ -124,7 +137,11 @@ pub fn synthesize(avatar: &Avatar, options: &SyntheticOptions) -> SyntheticScan 
             let photo = match &painted {
                 Some((look, background)) => {
                     let light = look.paint(background, &positions, &camera);
-                    expose(&light, options.sensor_noise, &mut random)
+                    expose(
+                        &light,
+                        options.sensor_noise * lighting.noise_gain(),
+                        &mut random,
+                    )
                 }
                 None => Photo::filled(camera.width_px, camera.height_px, [0; 3]),
             };

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use pirouette_geom::Grid;
 
+use super::appearance::{Appearance, Lighting};
 use super::random::{Random, noise, rough_noise};
 use super::room::{Light, hue};
 use pirouette_body::{Avatar, Bone, Camera, Joint, render};
@@ -25,12 +26,15 @@ pub(super) struct Look {
     stripes: bool,
     sleeve: f64,
     leg: f64,
+    lighting: Lighting,
 }
 
 impl Look {
-    pub(super) fn new(avatar: &Avatar, seed: u64) -> Self {
+    pub(super) fn new(avatar: &Avatar, seed: u64, appearance: &Appearance) -> Self {
         let random = &mut Random::new(seed ^ 0x00c1_07e5);
-        let tone = random.between(0.25, 1.0);
+        // Drawn in any case, so that clothes do not depend on the skin.
+        let drawn = random.between(0.25, 1.0);
+        let tone = appearance.skin_tone.unwrap_or(drawn);
         let head = |bone: Bone| avatar.bone_heads[bone];
         let point = |joint: Joint| avatar.keypoints[joint];
         let segments = Bone::ALL
@@ -75,18 +79,21 @@ impl Look {
             stripes: random.uniform() < 0.5,
             sleeve: random.between(0.35, 0.8),
             leg: random.between(0.4, 0.9),
+            lighting: appearance.lighting,
         }
     }
 
     /// Renders the person in front of the room; `positions` are the posed vertices
     pub(super) fn paint(&self, background: &Light, positions: &[DVec3], camera: &Camera) -> Light {
-        let layer = render::shade_layer(
+        let mut layer = render::shade_layer(
             &self.mesh,
             positions,
             camera,
             |place| self.albedo(DVec3::from_array(place.map(f64::from))),
             Some(&self.places),
         );
+        self.lighting
+            .light_person(&mut layer, &self.mesh, positions, camera);
         let feet = self.feet(positions);
         Grid::from_fn(camera.width_px, camera.height_px, |x, y| {
             let alpha = layer.coverage[(x, y)];

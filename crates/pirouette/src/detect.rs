@@ -76,7 +76,7 @@ const OFFSETS: [(Joint, [f64; 3], [f64; 3]); 11] = [
 ];
 
 /// Returns where the detector places the joints of an avatar, in its reference pose, in mm
-pub(crate) fn detected_positions(avatar: &Avatar) -> PerJoint<DVec3> {
+pub fn detected_positions(avatar: &Avatar) -> PerJoint<DVec3> {
     let unit = avatar.stature_mm() / 1000.0;
     let mut positions = avatar.keypoints;
     let level = levelness(avatar);

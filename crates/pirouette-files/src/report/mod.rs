@@ -1,6 +1,7 @@
 //! Pictures of the results, for locating errors visually.
 //!
-//! [`overlay()`] draws the results of one view over its photo, [`contact_sheet`] puts all views side by side,
+//! [`keypoint_picture`] draws named joints over a photo, [`overlay()`] the results of one view over its photo,
+//! [`contact_sheet`] puts all views side by side,
 //! [`residual_sheet`] shows the differences between the fitted body and the photos, and [`tape_sheet`] shows the tapes
 //! on the body. All are functions from data to pictures and write no files.
 
@@ -8,6 +9,7 @@ mod canvas;
 mod contact;
 mod font;
 pub mod json;
+mod keypoints;
 mod labels;
 mod overlay;
 pub(crate) mod page;
@@ -16,6 +18,7 @@ mod residuals;
 mod tapes;
 
 pub use contact::{ContactView, contact_sheet};
+pub use keypoints::keypoint_picture;
 pub use overlay::{OverlayInput, SURE_CONFIDENCE, overlay};
 pub use page::{data_uri, escape_html};
 pub use residuals::{ResidualView, SeenBody, count_color, residual_sheet};

@@ -19,8 +19,8 @@ use crate::formats::photo::decode_photo;
 use crate::source::Source;
 use pirouette::scan::{CameraSetup, KeypointSource, Photo, Scan, StatureFrom, View};
 use pirouette_body::TurnAngle;
-pub(crate) use view::keypoints_in_input;
 use view::{LoadedView, keypoint_paths, load_view};
+pub(crate) use view::{MAX_PHOTO_BYTES, keypoints_in_input};
 
 pub use problem::{ScanError, ScanWarning, ViewError};
 #[cfg(feature = "folders")]
@@ -41,6 +41,8 @@ pub struct LoadOptions {
     pub one_shape: bool,
     /// Whether views without a keypoint file are loaded without keypoints; otherwise they are unusable
     pub without_keypoints: bool,
+    /// Whether keypoint files are not read, as if no view had one
+    pub ignore_keypoint_files: bool,
 }
 
 impl Default for LoadOptions {
@@ -49,6 +51,7 @@ impl Default for LoadOptions {
             max_side_px: 1600,
             one_shape: true,
             without_keypoints: false,
+            ignore_keypoint_files: false,
         }
     }
 }
@@ -63,7 +66,7 @@ const MAX_JSON_BYTES: u64 = 64 << 20;
 const MAX_FOV_SPREAD: f64 = 0.03;
 
 /// File extensions of photos in a folder without a manifest, in lower case
-const PHOTO_EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
+pub(crate) const PHOTO_EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
 
 /// Suffixes of the stems of images that are not photos: masks and images rendered by OpenPose
 const NO_PHOTO_SUFFIXES: [&str; 2] = ["_mask", "_rendered"];
@@ -112,7 +115,7 @@ impl LoadedScan {
     /// Reads the photo of a view again at its original size; `None` if the file is missing or was changed
     pub fn full_size_photo(&self, view: usize) -> Option<Photo> {
         let (file, view) = (self.files.get(view)?, self.scan.views.get(view)?);
-        let bytes = self.source.read(file, view::MAX_PHOTO_BYTES).ok()?;
+        let bytes = self.source.read(file, MAX_PHOTO_BYTES).ok()?;
         let photo = decode_photo(&bytes).ok()?.photo;
         let size = (photo.width(), photo.height());
         (size == view.input_size_px).then_some(photo)

@@ -13,7 +13,7 @@ use pirouette::scan::{Photo, View};
 use pirouette_body::Keypoints;
 
 /// Maximum size of a photo file, in bytes
-pub(super) const MAX_PHOTO_BYTES: u64 = MAX_ENTRY_BYTES;
+pub(crate) const MAX_PHOTO_BYTES: u64 = MAX_ENTRY_BYTES;
 
 /// Content of the files of one view
 pub(super) struct LoadedView {
@@ -48,7 +48,11 @@ pub(super) fn load_view(
     let mask = entry.mask.as_ref();
     let mask = mask.map(|file| load_mask(source, file, width, height));
     let mask = mask.transpose()?;
-    let (found, missing_keypoint_file) = match load_keypoints(source, entry, width, height) {
+    let found = match options.ignore_keypoint_files {
+        true => Ok(None),
+        false => load_keypoints(source, entry, width, height),
+    };
+    let (found, missing_keypoint_file) = match found {
         Ok(found) => (found, None),
         Err(ViewError::Missing { file }) if options.without_keypoints => (None, Some(file)),
         Err(error) => return Err(error),
