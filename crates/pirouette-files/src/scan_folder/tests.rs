@@ -5,7 +5,7 @@ use std::fs;
 
 use crate::formats::photo;
 use crate::source::SourceError;
-use pirouette::scan::{KeypointSource, Photo, Subject};
+use pirouette::scan::{KeypointKind, KeypointSource, Photo, Subject};
 use pirouette_body::{Joint, Keypoint, Keypoints, Sex};
 
 struct TestFolder(tempfile::TempDir);
@@ -261,6 +261,7 @@ fn a_written_scan_reads_back_unchanged() {
         turn: TurnAngle::from_degrees(30.0),
         keypoints,
         keypoints_from: KeypointSource::Given,
+        keypoint_kind: KeypointKind::default(),
         mask: Some(Mask::from_vec(
             40,
             50,
@@ -316,6 +317,7 @@ fn keypoints_of_a_shrunk_photo_are_those_of_the_input() {
         turn: TurnAngle::default(),
         keypoints,
         keypoints_from: KeypointSource::BlazePose,
+        keypoint_kind: KeypointKind::MediaPipe,
         mask: None,
     };
     assert_eq!(keypoints_in_input(&view).get(Joint::Nose), at(20.0, 60.0));
