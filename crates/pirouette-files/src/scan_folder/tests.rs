@@ -131,6 +131,128 @@ fn a_given_mask_replaces_keypoints_and_must_have_the_size_of_the_photo() {
     ));
 }
 
+/// Results in the format of COCO: one person per photo, whose nose is at the given x
+fn common_file(photos: &[(&str, usize)]) -> String {
+    let person = |(name, x): &(&str, usize)| {
+        let joints: Vec<String> = (0..17)
+            .map(|j| format!("{},{},0.5", x + j % 2, 10 + j))
+            .collect();
+        format!(
+            "{{\"image_id\":\"{name}\",\"keypoints\":[{}]}}",
+            joints.join(",")
+        )
+    };
+    let people: Vec<String> = photos.iter().map(person).collect();
+    format!("[{}]", people.join(","))
+}
+
+fn nose_x(loaded: &LoadedScan, view: usize) -> f64 {
+    loaded.scan.views[view]
+        .keypoints
+        .get(Joint::Nose)
+        .position
+        .x
+}
+
+#[test]
+fn keypoint_files_are_found_by_name_next_to_the_photo_and_in_folders() {
+    let files = [
+        "0_keypoints.json",
+        "keypoints/0_keypoints.json",
+        "0.json",
+        "keypoints/0.json",
+        "keypoints/0.txt",
+        "labels/0.txt",
+        "keypoints.json",
+        "alphapose-results.json",
+    ];
+    for (index, name) in files.into_iter().enumerate() {
+        let folder = TestFolder::new();
+        folder.photo("0.png", 40, 50);
+        for (later, name) in files.into_iter().enumerate().skip(index) {
+            folder.write(name, common_file(&[("0.png", 20 + later)]));
+        }
+        let loaded = folder.load().unwrap();
+        assert!(
+            (nose_x(&loaded, 0) - (20 + index) as f64).abs() < 1e-9,
+            "{name}"
+        );
+        assert_eq!(loaded.scan.views[0].keypoint_kind, KeypointKind::Coco);
+    }
+}
+
+#[test]
+fn one_file_contains_the_keypoints_of_all_photos() {
+    let folder = TestFolder::new();
+    for name in ["0.png", "1.png", "2.png"] {
+        folder.photo(name, 40, 50);
+    }
+    folder.write(
+        "keypoints.json",
+        common_file(&[("2.jpg", 12), ("0.jpg", 10)]),
+    );
+    let loaded = folder.load().unwrap();
+    assert!((nose_x(&loaded, 0) - 10.0).abs() < 1e-9);
+    assert!((nose_x(&loaded, 1) - 12.0).abs() < 1e-9);
+    let reason = loaded.failed[0].reason.to_string();
+    let expected =
+        "keypoints.json: no keypoints for this photo; the file has those of \"2.jpg\", \"0.jpg\"";
+    assert_eq!(reason, expected);
+    // A manifest may name it, too; other files are unchanged.
+    folder.write(
+        "scan.json",
+        r#"{ "views": [ { "image": "0.png", "keypoints": "all.json" },
+                        { "image": "1.png", "keypoints": "1_keypoints.json" },
+                        { "image": "2.png", "keypoints": "all.json" } ] }"#,
+    );
+    folder.keypoints("1_keypoints.json");
+    folder.write("all.json", common_file(&[("0.png", 15), ("2.png", 17)]));
+    let loaded = folder.load().unwrap();
+    assert!((nose_x(&loaded, 2) - 17.0).abs() < 1e-9);
+    let kinds: Vec<KeypointKind> = loaded.scan.views.iter().map(|v| v.keypoint_kind).collect();
+    assert_eq!(
+        kinds,
+        [
+            KeypointKind::Coco,
+            KeypointKind::OpenPose,
+            KeypointKind::Coco
+        ]
+    );
+    folder.write("all.json", "{");
+    assert!(matches!(folder.load(), Err(ScanError::Keypoints { .. })));
+}
+
+#[test]
+fn given_keypoints_replace_those_in_the_scan() {
+    let folder = TestFolder::new();
+    folder.photo("0.png", 40, 50).photo("1.png", 40, 50);
+    folder
+        .keypoints("0_keypoints.json")
+        .keypoints("1_keypoints.json");
+    let given = TestFolder::new();
+    let load = |path: &Path| {
+        let keypoints = GivenKeypoints::open(path).unwrap();
+        let options = LoadOptions {
+            keypoints: Some(&keypoints),
+            ..LoadOptions::default()
+        };
+        load_scan(folder.0.path(), &options)
+    };
+    given.write("all.json", common_file(&[("0", 30), ("1", 31)]));
+    let loaded = load(&given.0.path().join("all.json")).unwrap();
+    assert!((nose_x(&loaded, 1) - 31.0).abs() < 1e-9);
+    given.write("0_000000000000_keypoints.json", keypoint_file(&[0.5]));
+    let loaded = load(given.0.path()).unwrap();
+    assert!((nose_x(&loaded, 0) - 10.0).abs() < 1e-9);
+    let reason = loaded.failed[0].reason.to_string();
+    assert!(
+        reason.contains("none of 1_keypoints.json, 1.json, 1.txt in "),
+        "{reason}"
+    );
+    let nowhere = GivenKeypoints::open(&given.0.path().join("nowhere"));
+    assert!(matches!(nowhere, Err(ScanError::Read { .. })));
+}
+
 #[test]
 fn large_photos_are_shrunk_with_their_keypoints() {
     let folder = TestFolder::new();

@@ -1,5 +1,6 @@
 //! Plausibility of keypoints as a standing person, to detect another order of joints.
 
+use glam::DVec2;
 use pirouette_body::{Joint, Keypoints};
 
 /// Joints of the levels of a standing person, from the top
@@ -30,20 +31,42 @@ const LIMBS: [(Joint, Joint); 4] = [
 /// Seen from the side, the near limb of a standing person is at most a third longer; elbows foreshorten more.
 const MAX_LIMB_RATIO: f64 = 3.0;
 
-/// Returns how many pairs of adjacent levels, from the head down, are in the wrong order
+/// Share of a person's larger extent by which a level must be below the next one to be inverted
 ///
-/// Levels without joints do not count. Without the head, at most 3.
-pub(super) fn inverted_levels(keypoints: &Keypoints, with_head: bool) -> usize {
-    let levels = &LEVELS[usize::from(!with_head)..];
-    let heights: Vec<f64> = levels
+/// Levels of a person who lies or bends down differ by less.
+const MIN_INVERSION: f64 = 0.1;
+
+/// Returns which pairs of adjacent levels, from the head down, are in the wrong order; not where a level is missing
+fn inverted_levels(keypoints: &Keypoints) -> [bool; 4] {
+    let heights = LEVELS.map(|joints| {
+        let found = joints.iter().filter_map(|&joint| keypoints.found(joint));
+        let heights: Vec<f64> = found.map(|keypoint| keypoint.position.y).collect();
+        (!heights.is_empty()).then(|| heights.iter().sum::<f64>() / heights.len() as f64)
+    });
+    let margin = MIN_INVERSION * extent(keypoints);
+    std::array::from_fn(|pair| {
+        let upper_and_lower = heights[pair].zip(heights[pair + 1]);
+        upper_and_lower.is_some_and(|(upper, lower)| upper > lower + margin)
+    })
+}
+
+/// Returns the larger side of the box around the joints
+fn extent(keypoints: &Keypoints) -> f64 {
+    let found = keypoints
         .iter()
-        .filter_map(|joints| {
-            let found = joints.iter().filter_map(|&joint| keypoints.found(joint));
-            let heights: Vec<f64> = found.map(|keypoint| keypoint.position.y).collect();
-            (!heights.is_empty()).then(|| heights.iter().sum::<f64>() / heights.len() as f64)
-        })
-        .collect();
-    heights.windows(2).filter(|pair| pair[0] > pair[1]).count()
+        .filter(|(_, keypoint)| keypoint.confidence > 0.0);
+    let positions: Vec<DVec2> = found.map(|(_, keypoint)| keypoint.position).collect();
+    let min = positions.iter().copied().reduce(DVec2::min);
+    let max = positions.iter().copied().reduce(DVec2::max);
+    min.zip(max)
+        .map_or(0.0, |(min, max)| (max - min).max_element())
+}
+
+/// Returns whether the joints cannot be those of a person: the shoulders are below the hips, or two of the pairs head and
+/// shoulders, hips and knees, knees and ankles are inverted
+pub(super) fn is_in_other_order(keypoints: &Keypoints) -> bool {
+    let inverted = inverted_levels(keypoints);
+    inverted[1] || inverted.iter().filter(|&&inverted| inverted).count() >= 2
 }
 
 /// Returns the number of contradictions to a standing person: inverted levels and unequal limbs
@@ -56,7 +79,9 @@ pub(super) fn contradictions(keypoints: &Keypoints) -> usize {
         let pair = length(from, to).zip(length(from.mirrored(), to.mirrored()));
         pair.is_some_and(|(a, b)| a.max(b) > MAX_LIMB_RATIO * a.min(b))
     };
-    inverted_levels(keypoints, true) + LIMBS.iter().filter(unequal).count()
+    let inverted = inverted_levels(keypoints);
+    let inverted = inverted.iter().filter(|&&inverted| inverted).count();
+    inverted + LIMBS.iter().filter(unequal).count()
 }
 
 /// Returns whether the left shoulder and hip are on the left side of the photo

@@ -25,6 +25,7 @@ use pirouette::scan::KeypointKind;
 use pirouette_body::{Joint, Keypoints};
 use thiserror::Error;
 
+use layout::Layout;
 use photos::{Key, Photo, key_of_value, match_photos};
 use points::{NotPoints, Person};
 use tree::{Node, list_keys};
@@ -328,7 +329,11 @@ fn read_by_key(
 ) -> Result<Vec<Photo>, KeypointsError> {
     let mut photos = Vec::new();
     for (key, value) in fields {
-        if !matches!(value, Node::Object(_) | Node::List(_) | Node::Numbers(_)) {
+        let readable = match value {
+            Node::Numbers(numbers) => Layout::of_flat(numbers.len()).is_some(),
+            value => matches!(value, Node::Object(_) | Node::List(_)),
+        };
+        if !readable {
             continue;
         }
         let mut read = read_photos(value, names).map_err(|error| match error {

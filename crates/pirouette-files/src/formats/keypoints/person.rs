@@ -6,7 +6,7 @@ use pirouette::scan::KeypointKind;
 use pirouette_body::{Joint, Keypoint, Keypoints};
 use pirouette_pose::{LANDMARK_COUNT, Landmark};
 
-use super::anatomy::{contradictions, inverted_levels, is_seen_from_behind};
+use super::anatomy::{contradictions, is_in_other_order, is_seen_from_behind};
 use super::layout::Layout;
 use super::photos::Photo;
 use super::points::{Person, Point};
@@ -59,9 +59,6 @@ const HALF_WEIGHT_DISTANCE: f64 = 0.25;
 /// Contradictions by which BODY_25 must exceed BODY_25B before a file is read as the latter
 const MIN_25B_ADVANTAGE: usize = 2;
 
-/// Pairs of inverted levels (shoulders, hips, knees, ankles) from which points are in another order
-const MAX_INVERTED: usize = 2;
-
 /// Selects the person and converts the joints to px of a photo
 pub(super) fn detection(
     photo: &Photo,
@@ -91,7 +88,7 @@ pub(super) fn detection(
         });
     };
     let kind = entry.layout.kind();
-    if kind != KeypointKind::OpenPose && inverted_levels(&keypoints, false) >= MAX_INVERTED {
+    if kind != KeypointKind::OpenPose && is_in_other_order(&keypoints) {
         let point_count = entry.points.len();
         return Err(KeypointsError::Order {
             person,

@@ -108,11 +108,19 @@ impl Person {
             return Ok(person);
         }
         let count = points.len();
-        let layout = Layout::of_count(count).ok_or(NotPoints::Count {
-            count,
-            of: "points",
-        })?;
-        Ok(Self { layout, points })
+        let of = "points";
+        let layout = Layout::of_count(count).ok_or(NotPoints::Count { count, of })?;
+        Ok(Self { layout, points }.without_depths())
+    }
+
+    /// Drops the third numbers of landmarks, which are depths, and their visibility, which is no measure of accuracy
+    fn without_depths(mut self) -> Self {
+        if self.layout == Layout::MediaPipe33 {
+            for point in &mut self.points {
+                point.confidence = None;
+            }
+        }
+        self
     }
 
     /// Reads an object with one key per joint
@@ -148,7 +156,7 @@ impl Person {
         } else {
             (Layout::Named, joints)
         };
-        (joint_count >= MIN_NAMED).then_some(Self { layout, points })
+        (joint_count >= MIN_NAMED).then(|| Self { layout, points }.without_depths())
     }
 }
 
@@ -168,6 +176,9 @@ fn flat(numbers: &[f64], names: Option<&[String]>) -> Result<Vec<Point>, NotPoin
 
 /// Reads rows of numbers or objects with x and y, and the names of the points if all have one
 fn rows(items: &[Node]) -> Result<(Vec<Point>, Option<Vec<String>>), NotPoints> {
+    if items.is_empty() {
+        return Err(NotPoints::Other("an empty list".to_owned()));
+    }
     let (mut points, mut names) = (Vec::new(), Vec::new());
     for item in items {
         let point = match item {
