@@ -243,6 +243,7 @@ impl<'a> AssignedFiles<'a> {
                 });
             }
             Assigned::Missing => return Ok(None),
+            Assigned::Common(_, None) if entry.mask.is_some() => return Ok(None),
             Assigned::Own(file) => {
                 let bytes = read_file(self.source, file, MAX_JSON_BYTES)?;
                 let parsed = KeypointFile::parse(&bytes);

@@ -197,20 +197,6 @@ impl KeypointFile {
     }
 }
 
-/// Parses a keypoint file of a single photo of the given size
-///
-/// # Errors
-/// As [`KeypointFile::parse`] and [`KeypointFile::detection`]; also when the file has several photos.
-pub fn parse_keypoints(
-    bytes: &[u8],
-    width_px: usize,
-    height_px: usize,
-) -> Result<Detection, KeypointsError> {
-    let file = KeypointFile::parse(bytes)?;
-    let index = file.photos.len() == 1;
-    file.detection(index.then_some(0), width_px, height_px)
-}
-
 fn syntax_error(json: &[u8], error: serde_json::Error) -> KeypointsError {
     let spelled = |word: &[u8]| json.windows(word.len()).any(|w| w == word);
     if spelled(b"NaN") || spelled(b"nan") || spelled(b"Infinity") {

@@ -1,5 +1,6 @@
 //! The photos of a keypoint file, and which of them is which photo of a scan.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use super::points::Person;
@@ -72,7 +73,7 @@ pub(super) fn match_photos(keys: &[Option<Key>], photos: &[&str]) -> Vec<Option<
     if let ([_], [_]) = (keys, photos) {
         return vec![Some(0)];
     }
-    let by_name: Vec<Option<usize>> = photos.iter().map(|photo| named(keys, photo)).collect();
+    let by_name = match_names(keys, photos);
     if by_name.iter().any(Option::is_some) {
         return by_name;
     }
@@ -81,24 +82,43 @@ pub(super) fn match_photos(keys: &[Option<Key>], photos: &[&str]) -> Vec<Option<
     let Some(numbers) = numbers else {
         return none;
     };
-    let by_number: Option<Vec<usize>> = photos.iter().map(|p| numbered(&numbers, p)).collect();
+    let indices = unique(numbers.iter().copied().enumerate());
+    let numbered = |photo: &&str| indices.get(&last_number(photo)?).copied().flatten();
+    let by_number: Option<Vec<usize>> = photos.iter().map(numbered).collect();
     let by_number = by_number.or_else(|| in_order(&numbers, photos));
     by_number.map_or(none, |found| found.into_iter().map(Some).collect())
 }
 
-/// Returns the only key that is the path of a photo, or else its file name, or else its stem
-fn named(keys: &[Option<Key>], photo: &str) -> Option<usize> {
-    let of = |part: fn(&str) -> &str| {
-        let fits = |key: &Option<Key>| match key {
-            Some(Key::Name(name)) => part(name) == part(photo),
-            _ => false,
-        };
-        let mut found = (0..keys.len()).filter(|&index| fits(&keys[index]));
-        let first = found.next()?;
-        Some(found.next().is_none().then_some(first))
+/// Returns for each photo the only key that is its path, or else its file name, or else its stem
+fn match_names(keys: &[Option<Key>], photos: &[&str]) -> Vec<Option<usize>> {
+    let names = || {
+        keys.iter()
+            .enumerate()
+            .filter_map(|(index, key)| match key {
+                Some(Key::Name(name)) => Some((index, name.as_str())),
+                _ => None,
+            })
     };
     let levels: [fn(&str) -> &str; 3] = [|name| name, file_name, stem];
-    levels.into_iter().find_map(of).flatten()
+    let indices = levels.map(|part| unique(names().map(|(index, name)| (index, part(name)))));
+    let of = |photo: &&str| {
+        let found = levels.iter().zip(&indices);
+        let first = found
+            .into_iter()
+            .find_map(|(part, indices)| indices.get(part(photo)));
+        first.copied().flatten()
+    };
+    photos.iter().map(of).collect()
+}
+
+/// Returns the index of each value; `None` if it occurs more than once
+fn unique<K: Ord>(values: impl Iterator<Item = (usize, K)>) -> BTreeMap<K, Option<usize>> {
+    let mut indices = BTreeMap::new();
+    for (index, value) in values {
+        let first = indices.entry(value).or_insert(Some(index));
+        *first = first.filter(|&first| first == index);
+    }
+    indices
 }
 
 fn file_name(path: &str) -> &str {
@@ -123,13 +143,6 @@ fn last_number(photo: &str) -> Option<i64> {
         at + stem[at..].chars().next().map_or(1, char::len_utf8)
     });
     stem[start..end].parse().ok()
-}
-
-fn numbered(numbers: &[i64], photo: &str) -> Option<usize> {
-    let number = last_number(photo)?;
-    let mut found = (0..numbers.len()).filter(|&index| numbers[index] == number);
-    let first = found.next()?;
-    found.next().is_none().then_some(first)
 }
 
 /// Assigns equally many numbers and photos in the order of both

@@ -3,7 +3,7 @@
 use pirouette_body::Joint;
 
 use super::layout::{Layout, MEDIAPIPE_NAMES, joint_of_name, landmark_of_name};
-use super::tree::Node;
+use super::tree::{Node, describe_list, describe_object};
 use super::yolo;
 
 /// Number of joints from which an object or list of names is a person
@@ -132,8 +132,7 @@ impl Person {
             };
             Some((name.as_str(), point?))
         });
-        Self::of_names(named)
-            .ok_or_else(|| NotPoints::Other(Node::Object(fields.to_vec()).describe()))
+        Self::of_names(named).ok_or_else(|| NotPoints::Other(describe_object(fields)))
     }
 
     fn of_names<'a>(named: impl Iterator<Item = (&'a str, Point)>) -> Option<Self> {
@@ -186,7 +185,7 @@ fn rows(items: &[Node]) -> Result<(Vec<Point>, Option<Vec<String>>), NotPoints> 
             Node::Numbers(row) if (2..=5).contains(&row.len()) => Some(Point::of(row)),
             item => object_point(item),
         };
-        let other = || NotPoints::Other(Node::List(items.to_vec()).describe());
+        let other = || NotPoints::Other(describe_list(items));
         points.push(point.ok_or_else(other)?);
         if let Some(Node::Text(name)) = item.get(&["name", "part", "label"]) {
             names.push(name.clone());

@@ -72,24 +72,29 @@ impl Node {
             Node::Number(_) => "a single number".to_owned(),
             Node::Text(_) => "a single text".to_owned(),
             Node::Numbers(numbers) => format!("a list of {} numbers", numbers.len()),
-            Node::List(items) => match items.first() {
-                None => "an empty list".to_owned(),
-                Some(first @ Node::List(_)) => {
-                    format!("a list of {} lists", items.len()) + &inner(first)
-                }
-                Some(first) => format!(
-                    "a list of {}, the first is {}",
-                    items.len(),
-                    first.describe()
-                ),
-            },
-            Node::Object(fields) if fields.is_empty() => "an object without keys".to_owned(),
-            Node::Object(fields) => {
-                let keys = list_keys(fields.iter().map(|(key, _)| key.as_str()));
-                format!("an object with {keys}")
-            }
+            Node::List(items) => describe_list(items),
+            Node::Object(fields) => describe_object(fields),
         }
     }
+}
+
+/// Describes a list that contains not only numbers
+pub(super) fn describe_list(items: &[Node]) -> String {
+    let count = items.len();
+    match items.first() {
+        None => "an empty list".to_owned(),
+        Some(first @ Node::List(_)) => format!("a list of {count} lists{}", inner(first)),
+        Some(first) => format!("a list of {count}, the first is {}", first.describe()),
+    }
+}
+
+/// Describes an object by its keys
+pub(super) fn describe_object(fields: &[(String, Node)]) -> String {
+    if fields.is_empty() {
+        return "an object without keys".to_owned();
+    }
+    let keys = list_keys(fields.iter().map(|(key, _)| key.as_str()));
+    format!("an object with {keys}")
 }
 
 /// Describes the content of the first list of a list

@@ -9,6 +9,16 @@ use super::layout::Layout;
 use super::*;
 use figure::{HEIGHT, WIDTH, at, files, join, openpose, points, relative, rows, triples};
 
+fn parse_keypoints(
+    bytes: &[u8],
+    width_px: usize,
+    height_px: usize,
+) -> Result<Detection, KeypointsError> {
+    let file = KeypointFile::parse(bytes)?;
+    let index = file.match_photos(&["000.jpg"]);
+    file.detection(index[0], width_px, height_px)
+}
+
 fn parse(text: &str) -> Result<Detection, KeypointsError> {
     parse_keypoints(text.as_bytes(), WIDTH, HEIGHT)
 }
@@ -329,7 +339,7 @@ fn what_does_not_fit_is_reported_with_what_was_found() {
         assert!(message.contains(part), "{text}: {message}");
     }
     assert!(parse_keypoints(&[0xff, 0xfe, 0], WIDTH, HEIGHT).is_err());
-    let far = openpose("pose_keypoints_2d", &points(Layout::Body25)).replacen("201.0", "1e300", 1);
+    let far = openpose("pose_keypoints_2d", &points(Layout::Body25)).replacen("201.000000", "1e300", 1);
     assert!(matches!(
         parse(&far),
         Err(KeypointsError::FarOutside { .. })
