@@ -26,10 +26,24 @@ const LIMBS: [(Joint, Joint); 4] = [
     (Joint::LeftKnee, Joint::LeftAnkle),
 ];
 
+/// Ankles with points of their feet
+const FEET: [(Joint, Joint); 4] = [
+    (Joint::LeftAnkle, Joint::LeftBigToe),
+    (Joint::LeftAnkle, Joint::LeftHeel),
+    (Joint::RightAnkle, Joint::RightBigToe),
+    (Joint::RightAnkle, Joint::RightHeel),
+];
+
+/// Maximum distance of the foot from the ankle, as a share of the person's extent; a foot is 15 % of the stature long
+const MAX_FOOT_DISTANCE: f64 = 0.2;
+
 /// Ratio of the lengths of a left and a right limb above which they contradict each other
 ///
 /// Seen from the side, the near limb of a standing person is at most a third longer; elbows foreshorten more.
 const MAX_LIMB_RATIO: f64 = 3.0;
+
+/// Maximum distance of neck and mid hip from the middle of the shoulders and hips, as a share of the person's extent
+const MAX_MIDDLE_DISTANCE: f64 = 0.15;
 
 /// Share of a person's larger extent by which a level must be below the next one to be inverted
 ///
@@ -69,19 +83,36 @@ pub(super) fn is_in_other_order(keypoints: &Keypoints) -> bool {
     inverted[1] || inverted.iter().filter(|&&inverted| inverted).count() >= 2
 }
 
-/// Returns the number of contradictions to a standing person: inverted levels and unequal limbs
+/// Returns the number of contradictions to a standing person: inverted levels, points of the face below the shoulders,
+/// unequal limbs, feet apart from their ankles, and a neck or mid hip apart from the middle of the shoulders or hips
 pub(super) fn contradictions(keypoints: &Keypoints) -> usize {
-    let length = |from: Joint, to: Joint| {
-        let (from, to) = (keypoints.found(from)?, keypoints.found(to)?);
-        Some(from.position.distance(to.position))
-    };
+    let found = |joint: Joint| keypoints.found(joint).map(|keypoint| keypoint.position);
+    let middle = |[left, right]: [Joint; 2]| Some(found(left)?.midpoint(found(right)?));
+    let length = |from: Joint, to: Joint| Some(found(from)?.distance(found(to)?));
     let unequal = |&&(from, to): &&(Joint, Joint)| {
         let pair = length(from, to).zip(length(from.mirrored(), to.mirrored()));
         pair.is_some_and(|(a, b)| a.max(b) > MAX_LIMB_RATIO * a.min(b))
     };
+    let extent = extent(keypoints);
+    let shoulders = middle([Joint::LeftShoulder, Joint::RightShoulder]);
+    let low = |&&joint: &&Joint| {
+        let pair = found(joint).zip(shoulders);
+        pair.is_some_and(|(face, shoulders)| face.y > shoulders.y + MIN_INVERSION * extent)
+    };
+    let apart = |&&joint: &&Joint| {
+        let pair = found(joint).zip(joint.middle_of().and_then(middle));
+        pair.is_some_and(|(joint, middle)| joint.distance(middle) > MAX_MIDDLE_DISTANCE * extent)
+    };
+    let foot = |&&(ankle, foot): &&(Joint, Joint)| {
+        let far = |length: f64| length > MAX_FOOT_DISTANCE * extent;
+        length(ankle, foot).is_some_and(far)
+    };
     let inverted = inverted_levels(keypoints);
-    let inverted = inverted.iter().filter(|&&inverted| inverted).count();
-    inverted + LIMBS.iter().filter(unequal).count()
+    inverted.iter().filter(|&&inverted| inverted).count()
+        + LEVELS[0].iter().filter(low).count()
+        + LIMBS.iter().filter(unequal).count()
+        + FEET.iter().filter(foot).count()
+        + Joint::MIDDLES.iter().filter(apart).count()
 }
 
 /// Returns whether the left shoulder and hip are on the left side of the photo

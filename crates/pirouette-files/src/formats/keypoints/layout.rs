@@ -242,8 +242,8 @@ pub(super) fn joint_of_name(name: &str) -> Option<Joint> {
 /// Returns the index of a landmark of MediaPipe by its name, in any common spelling
 pub(super) fn landmark_of_name(name: &str) -> Option<usize> {
     let plain = plain(name);
-    let named = |landmark: &&str| plain == landmark.replace('_', "");
-    MEDIAPIPE_NAMES.iter().position(|landmark| named(&landmark))
+    let named = |landmark: &str| plain == landmark.replace('_', "");
+    MEDIAPIPE_NAMES.iter().position(|landmark| named(landmark))
 }
 
 /// Removes separators and capitals from a name

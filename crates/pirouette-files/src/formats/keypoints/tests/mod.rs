@@ -184,20 +184,30 @@ fn twenty_five_points_in_doubt_are_body_25() {
         .keypoints
         .get(Joint::MidHip);
     assert!((nose.position.x - 58.0).abs() < 1e-9);
+    // Seen from the side and mirrored, with joints that were not found
     for layout in [Layout::Body25, Layout::Body25B] {
-        // The same from the side and mirrored
-        for (width, mirror) in [(0.1, 1.0), (1.0, -1.0), (0.2, -1.0)] {
-            let middle = DVec2::new(200.0, 0.0);
-            let view = |p: &DVec2| (*p - middle) * DVec2::new(width * mirror, 1.0) + middle;
-            let seen: Vec<DVec2> = points(layout).iter().map(view).collect();
-            let keypoints = parse(&openpose("pose_keypoints_2d", &seen))
-                .unwrap()
-                .keypoints;
-            let knee = keypoints.get(Joint::LeftKnee).position;
-            assert!(
-                (knee - view(&at(Joint::LeftKnee))).length() < 1e-3,
-                "{layout:?}"
-            );
+        let head: &[usize] = if layout == Layout::Body25B {
+            &[17, 18]
+        } else {
+            &[1, 8]
+        };
+        for missing in [&[][..], head, &[0, 9, 20, 24]] {
+            for (width, mirror) in [(0.1, 1.0), (1.0, 1.0), (1.0, -1.0), (0.2, -1.0)] {
+                let middle = DVec2::new(200.0, 0.0);
+                let view = |p: &DVec2| (*p - middle) * DVec2::new(width * mirror, 1.0) + middle;
+                let mut seen: Vec<DVec2> = points(layout).iter().map(view).collect();
+                for &index in missing {
+                    seen[index] = DVec2::ZERO;
+                }
+                let text = openpose("pose_keypoints_2d", &seen);
+                let knee = parse(&text)
+                    .unwrap()
+                    .keypoints
+                    .get(Joint::LeftKnee)
+                    .position;
+                let error = (knee - view(&at(Joint::LeftKnee))).length();
+                assert!(error < 1e-3, "{layout:?} {missing:?} {width} {mirror}");
+            }
         }
     }
 }
@@ -339,7 +349,8 @@ fn what_does_not_fit_is_reported_with_what_was_found() {
         assert!(message.contains(part), "{text}: {message}");
     }
     assert!(parse_keypoints(&[0xff, 0xfe, 0], WIDTH, HEIGHT).is_err());
-    let far = openpose("pose_keypoints_2d", &points(Layout::Body25)).replacen("201.000000", "1e300", 1);
+    let far =
+        openpose("pose_keypoints_2d", &points(Layout::Body25)).replacen("201.000000", "1e300", 1);
     assert!(matches!(
         parse(&far),
         Err(KeypointsError::FarOutside { .. })
