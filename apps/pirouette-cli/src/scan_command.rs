@@ -11,11 +11,11 @@ use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::job::{FinishedJob, JobError, JobOptions, run_job};
 use pirouette_files::results::ResultOptions;
-use pirouette_files::scan_folder::open_source;
+use pirouette_files::scan_folder::{GivenKeypoints, open_source};
 use pirouette_files::source::Source;
 use serde_json::{Value, json};
 
-use crate::args::{Method, MethodArgs, ScanArgs};
+use crate::args::{KeypointInput, Method, MethodArgs, ScanArgs};
 use crate::models_command::pose_model;
 use crate::output::Output;
 use crate::progress::Progress;
@@ -43,9 +43,16 @@ pub fn run(
     };
     let scale = args.scale.map(|source| source.of_job());
     let pose_model = pose_model(args.pose_model.as_deref())?;
+    let keypoints = match &args.keypoints {
+        Some(KeypointInput::Files(path)) => {
+            Some(GivenKeypoints::open(path).context("--keypoints")?)
+        }
+        None => None,
+    };
     let job_options = JobOptions {
         scale,
         pose_model: pose_model.as_ref(),
+        keypoints: keypoints.as_ref(),
     };
     let job = || scan_source(source, &config, &job_options, &progress, cancel);
     let done = job().and_then(|done| Ok(done.write(&args.out, &options).map(|()| done)?));

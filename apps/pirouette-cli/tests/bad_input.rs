@@ -89,6 +89,19 @@ fn a_keypoint_file_with_nan_is_rejected() {
 }
 
 #[test]
+fn given_keypoints_that_cannot_be_used_are_one_line() {
+    let folders = Folders::with_views(2);
+    let path = folders.write("given.json", "[[1, 2, 3]]");
+    let nowhere = folders.path("nowhere");
+    for (path, part) in [(&path, "given.json: "), (&nowhere, "cannot read ")] {
+        let flags = ["--keypoints", common::text(path)];
+        let error = folders.run("segment", &flags).exits_with(1).stderr();
+        assert_eq!(error.lines().count(), 1, "{error}");
+        assert!(error.contains(part), "{error}");
+    }
+}
+
+#[test]
 fn a_photo_of_one_pixel_is_rejected() {
     let reason = reason_for_rejection(|folders| {
         let pixel = pirouette::scan::Photo::filled(1, 1, [90; 3]);

@@ -13,7 +13,7 @@ use pirouette::check::{CheckError, check_scan};
 use pirouette::detect::detect_keypoints;
 use pirouette::pipeline::{self, CancelToken, Config, Event, Goal, PipelineError, Report, Stage};
 use pirouette::scale::{Card, ScaleError, scale_by_card, scale_by_pixels};
-use pirouette::scan::{KeypointSource, Photo, StatureFrom};
+use pirouette::scan::{KeypointKind, KeypointSource, Photo, StatureFrom};
 use pirouette::sizes::{Chart, advise_person};
 use pirouette_pose::PoseModel;
 use serde_json::Value;
@@ -24,7 +24,8 @@ use crate::report::json::measurements_json;
 use crate::results::write_results;
 use crate::results::{ResultError, ResultOptions, make_artifacts, result_value};
 use crate::scan_folder::{
-    FailedView, LoadOptions, LoadedScan, ScanError, ScanWarning, ViewError, load_source,
+    FailedView, GivenKeypoints, LoadOptions, LoadedScan, ScanError, ScanWarning, ViewError,
+    load_source,
 };
 use crate::source::Source;
 
@@ -96,6 +97,8 @@ pub struct JobOptions<'a> {
     pub scale: Option<ScaleSource>,
     /// Detects keypoints in photos without a keypoint file; without it, they are unusable
     pub pose_model: Option<&'a PoseModel>,
+    /// Keypoint files that replace those in the scan
+    pub keypoints: Option<&'a GivenKeypoints>,
 }
 
 /// Loads a scan, detects missing keypoints, determines the scale, and computes up to the goal of `config`
@@ -116,6 +119,7 @@ pub fn run_job(
         // Silhouettes may come from photos of any size; only a body requires a single camera.
         one_shape: config.goal > Goal::Segment,
         without_keypoints: options.pose_model.is_some(),
+        keypoints: options.keypoints,
         ..LoadOptions::default()
     };
     let mut loaded = load_source(source, &load_options)?;
@@ -200,6 +204,7 @@ pub(crate) fn detect(
             Some(keypoints) => {
                 view.keypoints = keypoints;
                 view.keypoints_from = KeypointSource::BlazePose;
+                view.keypoint_kind = KeypointKind::MediaPipe;
             }
             None if view.mask.is_some() => {}
             None => {

@@ -19,7 +19,9 @@ use glam::{DMat3, DVec2, DVec3};
 use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask, TriMesh};
 
-use pirouette::scan::{CameraSetup, KeypointSource, Photo, Scan, StatureFrom, Subject, View};
+use pirouette::scan::{
+    CameraSetup, KeypointKind, KeypointSource, Photo, Scan, StatureFrom, Subject, View,
+};
 use pirouette_body::{
     Avatar, Bone, Camera, Joint, Keypoint, Keypoints, NOMINAL_STATURE_PX, PerJoint, Pose,
     PosedAvatar, PosedBones, TurnAngle, render,
@@ -163,6 +165,7 @@ pub fn synthesize_in(
                 turn,
                 keypoints,
                 keypoints_from: KeypointSource::Given,
+                keypoint_kind: KeypointKind::default(),
                 mask: painted.is_none().then(|| silhouette.clone()),
             };
             (view, pose, silhouette, canonical)

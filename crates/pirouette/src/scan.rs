@@ -84,6 +84,22 @@ pub enum KeypointSource {
     BlazePose,
 }
 
+/// Definition of the joints that a detector was trained on
+///
+/// Detectors place hips, shoulders and feet differently: each definition has its own offsets from the joints of the
+/// skeleton, and its own errors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
+pub enum KeypointKind {
+    /// OpenPose's models: COCO's points, retrained with neck and feet
+    #[default]
+    OpenPose,
+    /// MediaPipe's 33 landmarks (BlazePose)
+    MediaPipe,
+    /// COCO's 17 points as annotated, and the data sets that extend them (COCO-WholeBody, Halpe)
+    Coco,
+}
+
 /// One photo of the person with what was detected in it
 #[derive(Debug, Clone)]
 pub struct View {
@@ -99,6 +115,8 @@ pub struct View {
     pub keypoints: Keypoints,
     /// Origin of the keypoints
     pub keypoints_from: KeypointSource,
+    /// Definition of the joints by their detector
+    pub keypoint_kind: KeypointKind,
     /// A given silhouette, size of `photo`; replaces segmentation
     pub mask: Option<Mask>,
 }

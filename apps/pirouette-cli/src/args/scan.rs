@@ -1,6 +1,7 @@
 //! Arguments of `scan` and of the commands that run only a part of its stages.
 
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use pirouette_files::formats::export::ExportFormat;
@@ -17,6 +18,10 @@ pub struct ScanArgs {
     /// Result folder; files in an existing one are replaced, other files are kept
     #[arg(short, long, value_name = "OUT", default_value = "out")]
     pub out: PathBuf,
+
+    /// Keypoints of the photos instead of those in SCAN: one file for all photos, or a folder with a file per photo
+    #[arg(long, value_name = "FILE_OR_DIR")]
+    pub keypoints: Option<KeypointInput>,
 
     /// Network of the pose detector, for photos without a keypoint file [default: the installed one]
     #[arg(long, value_name = "FILE")]
@@ -50,6 +55,24 @@ pub struct ScanArgs {
     /// Size charts to use instead of the built-in ones; see `size --help`
     #[arg(long, value_name = "FILE.toml")]
     pub chart: Option<PathBuf>,
+}
+
+/// Value of `--keypoints`
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum KeypointInput {
+    /// A file for all photos, or a folder with a file per photo
+    Files(PathBuf),
+}
+
+impl FromStr for KeypointInput {
+    type Err = &'static str;
+
+    fn from_str(value: &str) -> Result<Self, Self::Err> {
+        match value {
+            "none" => Err("`none` is reserved; write ./none for a file or folder of this name"),
+            path => Ok(KeypointInput::Files(PathBuf::from(path))),
+        }
+    }
 }
 
 /// Options of the method
@@ -157,9 +180,10 @@ impl Format {
 pub const SCAN_HELP: &str = "\
 A scan folder contains photos of a person who turns to the left in equal steps in front of a static camera:
   000.jpg 001.jpg ...
-The pose detector (see `pirouette models`) finds the joints in each photo that has no keypoint file. A keypoint file is
-OpenPose JSON, BODY_25, next to the photo:
-  000.jpg 000_keypoints.json 001.jpg 001_keypoints.json ...
+The pose detector (see `pirouette models`) finds the joints in each photo that has no keypoint file. Keypoint files of
+OpenPose, COCO, MMPose, AlphaPose, Halpe, MediaPipe and YOLO pose models are recognized by their content:
+  000_keypoints.json or 000.json next to the photo 000.jpg or in keypoints/, keypoints/000.txt, labels/000.txt,
+  keypoints.json or alphapose-results.json for all photos, by their names or numbers
 An optional scan.json provides additional data, most importantly the person's height. All keys except `image` are
 optional; without `views`, the photos are used in the order of their names:
   { \"pose\": \"a\", \"subject\": { \"stature_mm\": 1748, \"sex\": \"female\", \"mass_kg\": 64, \"age_years\": 35 },
@@ -175,6 +199,7 @@ statistics contribute to the measurements; `details` lists both contributions. T
 Examples:
   pirouette scan photos/anna
   pirouette scan anna.zip -o anna
+  pirouette scan photos/anna --keypoints alphapose-results.json
   pirouette scan photos/anna --scale card --export csv,seamly2d
   pirouette scan photos/anna -o anna --format ply,glb --report
   pirouette scan photos/anna --method three-step --no-refine

@@ -2,8 +2,8 @@
 
 pub mod charts;
 pub mod export;
+pub mod keypoints;
 pub mod manifest;
 pub mod mesh;
-pub mod openpose;
 pub mod photo;
 pub mod points;

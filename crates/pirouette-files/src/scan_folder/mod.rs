@@ -3,6 +3,7 @@
 //! An unusable view does not affect the others: it is returned with the reason. Only defects that concern the complete
 //! folder (an unreadable manifest, a path that points outside the folder) are errors.
 
+mod keypoint_files;
 mod problem;
 mod view;
 mod write;
@@ -17,19 +18,21 @@ use crate::formats::manifest;
 use crate::formats::manifest::{Manifest, ManifestView};
 use crate::formats::photo::decode_photo;
 use crate::source::Source;
+use keypoint_files::{AssignedFiles, check_common_links, paths_in_scan};
 use pirouette::scan::{CameraSetup, KeypointSource, Photo, Scan, StatureFrom, View};
 use pirouette_body::TurnAngle;
-use view::{LoadedView, keypoint_paths, load_view};
+use view::{LoadedView, load_view};
 pub(crate) use view::{MAX_PHOTO_BYTES, keypoints_in_input};
 
+pub use keypoint_files::GivenKeypoints;
 pub use problem::{ScanError, ScanWarning, ViewError};
 #[cfg(feature = "folders")]
 pub use write::write_scan;
 pub use write::{WriteScanError, keypoint_file, scan_files};
 
 /// Options for loading a scan
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LoadOptions {
+#[derive(Debug, Clone, Copy)]
+pub struct LoadOptions<'a> {
     /// Longer side to which larger photos are shrunk, in px
     ///
     /// Time and memory grow with its square; at 1600 px a pixel shows about 1.2 mm of a person.
@@ -43,15 +46,18 @@ pub struct LoadOptions {
     pub without_keypoints: bool,
     /// Whether keypoint files are not read, as if no view had one
     pub ignore_keypoint_files: bool,
+    /// Keypoint files that replace those in the scan
+    pub keypoints: Option<&'a GivenKeypoints>,
 }
 
-impl Default for LoadOptions {
+impl Default for LoadOptions<'_> {
     fn default() -> Self {
         Self {
             max_side_px: 1600,
             one_shape: true,
             without_keypoints: false,
             ignore_keypoint_files: false,
+            keypoints: None,
         }
     }
 }
@@ -182,9 +188,11 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
         TurnAngle::from_degrees(entries[index].angle_deg.unwrap_or(even))
     };
 
+    let keypoint_files = AssignedFiles::new(&source, &entries, options.keypoints)?;
     let mut loaded: Vec<_> = entries
         .par_iter()
-        .map(|entry| load_view(&source, entry, options))
+        .enumerate()
+        .map(|(view, entry)| load_view(&source, view, entry, &keypoint_files, options))
         .collect();
     if options.one_shape {
         reject_other_shapes(&mut loaded);
@@ -226,6 +234,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                     turn,
                     keypoints: loaded.keypoints,
                     keypoints_from: KeypointSource::Given,
+                    keypoint_kind: loaded.keypoint_kind,
                     mask: loaded.mask,
                 });
             }
@@ -284,11 +293,11 @@ fn check_links(source: &Source, entries: &[ManifestView]) -> Result<(), ScanErro
         for name in entry.keypoints.iter().chain(&entry.mask) {
             check_link(source, name)?;
         }
-        for name in keypoint_paths(&entry.image) {
+        for name in paths_in_scan(&entry.image) {
             check_link(source, &name)?;
         }
     }
-    Ok(())
+    check_common_links(source)
 }
 
 fn read_manifest(source: &Source) -> Result<Manifest, ScanError> {

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use pirouette::check::CheckWarning;
 use thiserror::Error;
 
+use crate::formats::keypoints::KeypointsError;
 use crate::formats::manifest::ManifestError;
-use crate::formats::openpose::KeypointsError;
 use crate::formats::photo::PhotoError;
 use crate::source::SourceError;
 
@@ -24,6 +24,11 @@ pub enum ScanError {
     Manifest {
         path: PathBuf,
         source: ManifestError,
+    },
+    #[error("{}: {source}", path.display())]
+    Keypoints {
+        path: PathBuf,
+        source: KeypointsError,
     },
     #[error("{} points outside the scan folder; copy the file into it", path.display())]
     LinkLeaves { path: PathBuf },
@@ -63,9 +68,11 @@ pub enum ViewError {
         source: KeypointsError,
     },
     #[error(
-        "no keypoints: there is no {file} next to the photo or in keypoints/ (OpenPose JSON, BODY_25), and no pose detector is installed: run 'pirouette models install'"
+        "no keypoints: there is no {file} next to the photo or in keypoints/, and no pose detector is installed: run 'pirouette models install'"
     )]
     NoKeypointFile { file: String },
+    #[error("no keypoints: there is none of {files} in {}", folder.display())]
+    NoGivenFile { files: String, folder: PathBuf },
     #[error(
         "no keypoints: {file} contains no person; repeat the detection with a clearer photo, or provide a mask in scan.json"
     )]

@@ -5,7 +5,7 @@ use std::fs;
 
 use crate::formats::photo;
 use crate::source::SourceError;
-use pirouette::scan::{KeypointSource, Photo, Subject};
+use pirouette::scan::{KeypointKind, KeypointSource, Photo, Subject};
 use pirouette_body::{Joint, Keypoint, Keypoints, Sex};
 
 struct TestFolder(tempfile::TempDir);
@@ -129,6 +129,128 @@ fn a_given_mask_replaces_keypoints_and_must_have_the_size_of_the_photo() {
         loaded.failed[1].reason,
         ViewError::EmptyMask { .. }
     ));
+}
+
+/// Results in the format of COCO: one person per photo, whose nose is at the given x
+fn common_file(photos: &[(&str, usize)]) -> String {
+    let person = |(name, x): &(&str, usize)| {
+        let joints: Vec<String> = (0..17)
+            .map(|j| format!("{},{},0.5", x + j % 2, 10 + j))
+            .collect();
+        format!(
+            "{{\"image_id\":\"{name}\",\"keypoints\":[{}]}}",
+            joints.join(",")
+        )
+    };
+    let people: Vec<String> = photos.iter().map(person).collect();
+    format!("[{}]", people.join(","))
+}
+
+fn nose_x(loaded: &LoadedScan, view: usize) -> f64 {
+    loaded.scan.views[view]
+        .keypoints
+        .get(Joint::Nose)
+        .position
+        .x
+}
+
+#[test]
+fn keypoint_files_are_found_by_name_next_to_the_photo_and_in_folders() {
+    let files = [
+        "0_keypoints.json",
+        "keypoints/0_keypoints.json",
+        "0.json",
+        "keypoints/0.json",
+        "keypoints/0.txt",
+        "labels/0.txt",
+        "keypoints.json",
+        "alphapose-results.json",
+    ];
+    for (index, name) in files.into_iter().enumerate() {
+        let folder = TestFolder::new();
+        folder.photo("0.png", 40, 50);
+        for (later, name) in files.into_iter().enumerate().skip(index) {
+            folder.write(name, common_file(&[("0.png", 20 + later)]));
+        }
+        let loaded = folder.load().unwrap();
+        assert!(
+            (nose_x(&loaded, 0) - (20 + index) as f64).abs() < 1e-9,
+            "{name}"
+        );
+        assert_eq!(loaded.scan.views[0].keypoint_kind, KeypointKind::Coco);
+    }
+}
+
+#[test]
+fn one_file_contains_the_keypoints_of_all_photos() {
+    let folder = TestFolder::new();
+    for name in ["0.png", "1.png", "2.png"] {
+        folder.photo(name, 40, 50);
+    }
+    folder.write(
+        "keypoints.json",
+        common_file(&[("2.jpg", 12), ("0.jpg", 10)]),
+    );
+    let loaded = folder.load().unwrap();
+    assert!((nose_x(&loaded, 0) - 10.0).abs() < 1e-9);
+    assert!((nose_x(&loaded, 1) - 12.0).abs() < 1e-9);
+    let reason = loaded.failed[0].reason.to_string();
+    let expected =
+        "keypoints.json: no keypoints for this photo; the file has those of \"2.jpg\", \"0.jpg\"";
+    assert_eq!(reason, expected);
+    // A manifest may name it, too; other files are unchanged.
+    folder.write(
+        "scan.json",
+        r#"{ "views": [ { "image": "0.png", "keypoints": "all.json" },
+                        { "image": "1.png", "keypoints": "1_keypoints.json" },
+                        { "image": "2.png", "keypoints": "all.json" } ] }"#,
+    );
+    folder.keypoints("1_keypoints.json");
+    folder.write("all.json", common_file(&[("0.png", 15), ("2.png", 17)]));
+    let loaded = folder.load().unwrap();
+    assert!((nose_x(&loaded, 2) - 17.0).abs() < 1e-9);
+    let kinds: Vec<KeypointKind> = loaded.scan.views.iter().map(|v| v.keypoint_kind).collect();
+    assert_eq!(
+        kinds,
+        [
+            KeypointKind::Coco,
+            KeypointKind::OpenPose,
+            KeypointKind::Coco
+        ]
+    );
+    folder.write("all.json", "{");
+    assert!(matches!(folder.load(), Err(ScanError::Keypoints { .. })));
+}
+
+#[test]
+fn given_keypoints_replace_those_in_the_scan() {
+    let folder = TestFolder::new();
+    folder.photo("0.png", 40, 50).photo("1.png", 40, 50);
+    folder
+        .keypoints("0_keypoints.json")
+        .keypoints("1_keypoints.json");
+    let given = TestFolder::new();
+    let load = |path: &Path| {
+        let keypoints = GivenKeypoints::open(path).unwrap();
+        let options = LoadOptions {
+            keypoints: Some(&keypoints),
+            ..LoadOptions::default()
+        };
+        load_scan(folder.0.path(), &options)
+    };
+    given.write("all.json", common_file(&[("0", 30), ("1", 31)]));
+    let loaded = load(&given.0.path().join("all.json")).unwrap();
+    assert!((nose_x(&loaded, 1) - 31.0).abs() < 1e-9);
+    given.write("0_000000000000_keypoints.json", keypoint_file(&[0.5]));
+    let loaded = load(given.0.path()).unwrap();
+    assert!((nose_x(&loaded, 0) - 10.0).abs() < 1e-9);
+    let reason = loaded.failed[0].reason.to_string();
+    assert!(
+        reason.contains("none of 1_keypoints.json, 1.json, 1.txt in "),
+        "{reason}"
+    );
+    let nowhere = GivenKeypoints::open(&given.0.path().join("nowhere"));
+    assert!(matches!(nowhere, Err(ScanError::Read { .. })));
 }
 
 #[test]
@@ -261,6 +383,7 @@ fn a_written_scan_reads_back_unchanged() {
         turn: TurnAngle::from_degrees(30.0),
         keypoints,
         keypoints_from: KeypointSource::Given,
+        keypoint_kind: KeypointKind::default(),
         mask: Some(Mask::from_vec(
             40,
             50,
@@ -316,6 +439,7 @@ fn keypoints_of_a_shrunk_photo_are_those_of_the_input() {
         turn: TurnAngle::default(),
         keypoints,
         keypoints_from: KeypointSource::BlazePose,
+        keypoint_kind: KeypointKind::MediaPipe,
         mask: None,
     };
     assert_eq!(keypoints_in_input(&view).get(Joint::Nose), at(20.0, 60.0));

@@ -5,11 +5,13 @@ use std::io;
 
 use pirouette_geom::Mask;
 
-use super::{LoadOptions, MAX_JSON_BYTES, ViewError};
+use super::keypoint_files::{AssignedFiles, paths_in_scan};
+use super::{LoadOptions, ViewError};
+use crate::formats::keypoints::Detection;
 use crate::formats::manifest::ManifestView;
-use crate::formats::{manifest, openpose, photo};
+use crate::formats::photo;
 use crate::source::{MAX_ENTRY_BYTES, Source};
-use pirouette::scan::{Photo, View};
+use pirouette::scan::{KeypointKind, Photo, View};
 use pirouette_body::Keypoints;
 
 /// Maximum size of a photo file, in bytes
@@ -20,6 +22,7 @@ pub(super) struct LoadedView {
     pub(super) photo: Photo,
     pub(super) input_size_px: (usize, usize),
     pub(super) keypoints: Keypoints,
+    pub(super) keypoint_kind: KeypointKind,
     pub(super) people_count: usize,
     pub(super) has_keypoint_file: bool,
     /// A keypoint file that the manifest names, but does not exist
@@ -30,10 +33,12 @@ pub(super) struct LoadedView {
     pub(super) cropped_from_px: Option<(usize, usize)>,
 }
 
-/// Reads the files of one view, and shrinks large photos
+/// Reads the files of one view, and shrinks large photos; `view` is its index in `keypoint_files`
 pub(super) fn load_view(
     source: &Source,
+    view: usize,
     entry: &ManifestView,
+    keypoint_files: &AssignedFiles,
     options: &LoadOptions,
 ) -> Result<LoadedView, ViewError> {
     let image = &entry.image;
@@ -50,7 +55,7 @@ pub(super) fn load_view(
     let mask = mask.transpose()?;
     let found = match options.ignore_keypoint_files {
         true => Ok(None),
-        false => load_keypoints(source, entry, width, height),
+        false => keypoint_files.read(view, entry, width, height),
     };
     let (found, missing_keypoint_file) = match found {
         Ok(found) => (found, None),
@@ -58,11 +63,16 @@ pub(super) fn load_view(
         Err(error) => return Err(error),
     };
     if found.is_none() && mask.is_none() && !options.without_keypoints {
-        let [file, _] = keypoint_paths(image);
+        let paths = paths_in_scan(image);
+        let file = paths.into_iter().next().unwrap_or_default();
         return Err(ViewError::NoKeypointFile { file });
     }
     let has_keypoint_file = found.is_some();
-    let (mut keypoints, people_count) = found.unwrap_or_default();
+    let Detection {
+        mut keypoints,
+        people_count,
+        kind,
+    } = found.unwrap_or_default();
     let photo = photo::shrink(decoded.photo, options.max_side_px);
     if mask.is_none() {
         photo::check_contrast(&photo).map_err(in_photo)?;
@@ -81,6 +91,7 @@ pub(super) fn load_view(
         photo,
         input_size_px: (width, height),
         keypoints,
+        keypoint_kind: kind,
         people_count,
         has_keypoint_file,
         missing_keypoint_file,
@@ -90,7 +101,11 @@ pub(super) fn load_view(
     })
 }
 
-fn read_file<'a>(source: &'a Source, file: &str, limit: u64) -> Result<Cow<'a, [u8]>, ViewError> {
+pub(super) fn read_file<'a>(
+    source: &'a Source,
+    file: &str,
+    limit: u64,
+) -> Result<Cow<'a, [u8]>, ViewError> {
     source.read(file, limit).map_err(|source| {
         let file = file.to_owned();
         match source.kind() {
@@ -126,44 +141,6 @@ fn load_mask(
         });
     }
     Ok(mask)
-}
-
-/// Returns the default paths of a photo's keypoint file
-pub(super) fn keypoint_paths(image: &str) -> [String; 2] {
-    let file = format!("{}_keypoints.json", manifest::stem(image));
-    let sibling = match image.rsplit_once('/') {
-        Some((folder, _)) => format!("{folder}/{file}"),
-        None => file.clone(),
-    };
-    [sibling, format!("keypoints/{file}")]
-}
-
-/// Returns the person's keypoints and the number of people; `None` without a keypoint file
-fn load_keypoints(
-    source: &Source,
-    entry: &ManifestView,
-    width_px: usize,
-    height_px: usize,
-) -> Result<Option<(Keypoints, usize)>, ViewError> {
-    let paths = keypoint_paths(&entry.image);
-    let file = match &entry.keypoints {
-        Some(file) => Some(file),
-        None => paths.iter().find(|path| source.contains(path)),
-    };
-    let Some(file) = file else {
-        return Ok(None);
-    };
-    let json = read_file(source, file, MAX_JSON_BYTES)?;
-    let detection = openpose::parse_keypoints(&json, width_px, height_px).map_err(|source| {
-        ViewError::Keypoints {
-            file: file.clone(),
-            source,
-        }
-    })?;
-    if detection.keypoints.found_count() == 0 && entry.mask.is_none() {
-        return Err(ViewError::NoPerson { file: file.clone() });
-    }
-    Ok(Some((detection.keypoints, detection.people_count)))
 }
 
 /// Returns the keypoints of a view in px of the photo as given

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
-use super::read_bounded;
+use super::read_bounded_file;
 
 #[derive(Debug)]
 pub(super) struct Folder {
@@ -54,11 +54,6 @@ impl Folder {
     }
 
     pub(super) fn read(&self, name: &str, limit: u64) -> io::Result<Vec<u8>> {
-        let path = self.path.join(name);
-        // Opening a pipe would block; a device may be endless.
-        if !fs::metadata(&path)?.is_file() {
-            return Err(io::Error::other("not a regular file"));
-        }
-        read_bounded(fs::File::open(&path)?, limit)
+        read_bounded_file(&self.path.join(name), limit)
     }
 }

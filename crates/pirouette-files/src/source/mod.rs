@@ -236,6 +236,16 @@ fn plain_name(path: &str) -> Option<String> {
     (!parts.is_empty() && !parts.contains(&"..")).then(|| parts.join("/"))
 }
 
+/// Reads a regular file of at most `limit` bytes
+#[cfg(feature = "folders")]
+pub(crate) fn read_bounded_file(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    // Opening a pipe would block; a device may be endless.
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(io::Error::other("not a regular file"));
+    }
+    read_bounded(std::fs::File::open(path)?, limit)
+}
+
 /// Reads at most `limit` bytes; more are an error
 fn read_bounded(reader: impl Read, limit: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
