@@ -2,7 +2,9 @@
 
 pub mod charts;
 pub mod export;
+pub mod json;
 pub mod manifest;
+pub mod mask;
 pub mod mesh;
 pub mod openpose;
 pub mod photo;

@@ -6,7 +6,9 @@ use std::io;
 use pirouette_geom::Mask;
 
 use super::{LoadOptions, MAX_JSON_BYTES, ViewError};
+use crate::formats::json::to_strict;
 use crate::formats::manifest::ManifestView;
+use crate::formats::mask::{GivenMask, MaskError, MaskFix, read_mask};
 use crate::formats::{manifest, openpose, photo};
 use crate::source::{MAX_ENTRY_BYTES, Source};
 use pirouette::scan::{Photo, View};
@@ -25,6 +27,8 @@ pub(super) struct LoadedView {
     /// A keypoint file that the manifest names, but does not exist
     pub(super) missing_keypoint_file: Option<String>,
     pub(super) mask: Option<Mask>,
+    /// Differences of the mask file from the expected form
+    pub(super) mask_fixes: Vec<MaskFix>,
     pub(super) vertical_fov_radians: Option<f64>,
 }
 
@@ -43,13 +47,18 @@ pub(super) fn load_view(
     let decoded = photo::decode_photo(&bytes).map_err(in_photo)?;
     drop(bytes);
     let (width, height) = (decoded.photo.width(), decoded.photo.height());
-    let mask = entry.mask.as_ref();
-    let mask = mask.map(|file| load_mask(source, file, width, height));
-    let mask = mask.transpose()?;
     let (found, missing_keypoint_file) = match load_keypoints(source, entry, width, height) {
         Ok(found) => (found, None),
         Err(ViewError::Missing { file }) if options.without_keypoints => (None, Some(file)),
         Err(error) => return Err(error),
+    };
+    let given = entry.mask.as_ref().map(|file| {
+        let keypoints = found.map_or_else(Keypoints::default, |(keypoints, _)| keypoints);
+        load_mask(source, file, (width, height), &keypoints)
+    });
+    let (mask, mask_fixes) = match given.transpose()? {
+        Some(given) => (Some(given.mask), given.fixes),
+        None => (None, Vec::new()),
     };
     if found.is_none() && mask.is_none() && !options.without_keypoints {
         let [file, _] = keypoint_paths(image);
@@ -79,6 +88,7 @@ pub(super) fn load_view(
         has_keypoint_file,
         missing_keypoint_file,
         mask,
+        mask_fixes,
         vertical_fov_radians: decoded.vertical_fov_radians,
     })
 }
@@ -96,29 +106,23 @@ fn read_file<'a>(source: &'a Source, file: &str, limit: u64) -> Result<Cow<'a, [
 fn load_mask(
     source: &Source,
     file: &str,
-    photo_width: usize,
-    photo_height: usize,
-) -> Result<Mask, ViewError> {
+    photo_size: (usize, usize),
+    keypoints: &Keypoints,
+) -> Result<GivenMask, ViewError> {
     let bytes = read_file(source, file, MAX_PHOTO_BYTES)?;
-    let mask = photo::decode_mask(&bytes).map_err(|source| ViewError::Photo {
-        file: file.to_owned(),
-        source,
-    })?;
-    if (mask.width(), mask.height()) != (photo_width, photo_height) {
-        return Err(ViewError::MaskSize {
-            file: file.to_owned(),
-            mask_width: mask.width(),
-            mask_height: mask.height(),
-            photo_width,
-            photo_height,
-        });
-    }
-    if mask.area() == 0 {
-        return Err(ViewError::EmptyMask {
-            file: file.to_owned(),
-        });
-    }
-    Ok(mask)
+    let file = file.to_owned();
+    read_mask(&bytes, photo_size, keypoints).map_err(|source| match source {
+        MaskError::Photo(source) => ViewError::Photo { file, source },
+        MaskError::Size { width, height } => ViewError::MaskSize {
+            file,
+            mask_width: width,
+            mask_height: height,
+            photo_width: photo_size.0,
+            photo_height: photo_size.1,
+        },
+        MaskError::Empty => ViewError::EmptyMask { file },
+        source => ViewError::Mask { file, source },
+    })
 }
 
 /// Returns the default paths of a photo's keypoint file
@@ -147,6 +151,10 @@ fn load_keypoints(
         return Ok(None);
     };
     let json = read_file(source, file, MAX_JSON_BYTES)?;
+    let json = to_strict(&json).map_err(|source| ViewError::KeypointText {
+        file: file.clone(),
+        source,
+    })?;
     let detection = openpose::parse_keypoints(&json, width_px, height_px).map_err(|source| {
         ViewError::Keypoints {
             file: file.clone(),
