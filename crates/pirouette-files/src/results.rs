@@ -1,7 +1,10 @@
 //! Result folders: masks, images, bodies, measurements and intermediate results.
 //!
 //! Keys are stable, lengths in mm or in px of the original photo, angles in degrees. In an existing folder, files are
-//! replaced one by one.
+//! replaced one by one; `result.json` lists them, so that the next job can remove those that it does not replace.
+
+#[cfg(feature = "folders")]
+mod earlier;
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -13,6 +16,9 @@ use pirouette_geom::parallel::prelude::*;
 use pirouette_segment::border::sharpen_mask;
 use serde_json::{Map, Value, json};
 use thiserror::Error;
+
+#[cfg(feature = "folders")]
+use earlier::EarlierResult;
 
 use crate::formats::export::ExportFormat;
 use crate::formats::mesh::{BodyMesh, MeshFormat};
@@ -91,8 +97,22 @@ pub fn write_results(
     options: &ResultOptions,
 ) -> Result<(), ResultError> {
     make_folder(folder)?;
-    let sink = Sink::Folder(folder.to_owned());
-    write_artifacts(&sink, loaded, load_seconds, report, options)
+    let earlier = EarlierResult::of(folder);
+    // While files of both results exist, none may be taken for the measurements of this scan.
+    earlier.remove_summary();
+    let sink = Sink::folder(folder.to_owned());
+    let written = write_artifacts(&sink, loaded, load_seconds, report, options);
+    earlier.remove_except(&sink.names());
+    written
+}
+
+/// Removes the result of an earlier job from a folder: the files that its `result.json` lists, and folders that are then
+/// empty
+///
+/// For a job that failed: measurements of an earlier scan are not those of this one.
+#[cfg(feature = "folders")]
+pub fn remove_results(folder: &Path) {
+    EarlierResult::of(folder).remove_except(&[]);
 }
 
 /// Encodes the files that [`write_results`] writes, in memory: bytes by name, such as `views/000/mask.png`
@@ -185,7 +205,9 @@ fn write_artifacts(
         sink.put("report.html", write_page(&page).into_bytes())?;
     }
     // Last, so that an existing result.json means a complete result.
-    let result = result_value(loaded, load_seconds, report);
+    let mut result = result_value(loaded, load_seconds, report);
+    let own = ["result.json".to_owned()];
+    result["files"] = sink.names().into_iter().chain(own).collect();
     put_json(sink, "result.json", &result)
 }
 
