@@ -308,7 +308,7 @@ impl Pixels {
         let levels = || self.rgba.iter().map(luma);
         let (lowest, highest) = (levels().min()?, levels().max()?);
         let range = f64::from(highest - lowest);
-        let (mut low, mut middle, mut high) = (0, 0, 0);
+        let (mut low, mut middle, mut high) = (0_usize, 0_usize, 0_usize);
         for level in levels() {
             match f64::from(level - lowest) {
                 above if above <= 0.15 * range => low += 1,

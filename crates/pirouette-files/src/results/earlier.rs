@@ -80,6 +80,14 @@ impl EarlierResult {
     }
 }
 
+/// Removes the result of an earlier job from a folder: the files that its `result.json` lists, and folders that are then
+/// empty
+///
+/// For a job that failed: measurements of an earlier scan are not those of this one.
+pub fn remove_results(folder: &Path) {
+    EarlierResult::of(folder).remove_except(&[]);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -9,6 +9,7 @@ mod view;
 mod write;
 
 use std::fmt;
+#[cfg(feature = "folders")]
 use std::path::Path;
 
 use pirouette_geom::parallel::prelude::*;
