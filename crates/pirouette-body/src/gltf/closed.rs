@@ -15,6 +15,9 @@ use crate::{Avatar, Bone, PerBone};
 /// 9 mm for a person; the fit moves the surface by more than what the chamfered fingers lose.
 const CELLS_PER_HEIGHT: f64 = 200.0;
 
+/// Minimum height of the hull as a share of that of all parts; the largest connected piece of a lower one is a leg
+const MIN_HULL_HEIGHT: f64 = 0.9;
+
 /// Winding number at the surface of the hull
 const LEVEL: f64 = 0.5;
 
@@ -84,7 +87,9 @@ pub(super) fn close(surface: &mut Surface) -> Result<Option<HullUsed>, LoadAvata
     let hull =
         extract_surface(field, &options).map_err(|_too_large| LoadAvatarError::Degenerate)?;
     let hull = hull.largest_component();
-    if hull.check().is_err() {
+    let height = |(low, high): (DVec3, DVec3)| high.y - low.y;
+    let hull_height = hull.bounds().map_or(0.0, height);
+    if hull.check().is_err() || hull_height < MIN_HULL_HEIGHT * (high.y - low.y) {
         return Err(LoadAvatarError::NoHull { part_count });
     }
     surface.weights = hull

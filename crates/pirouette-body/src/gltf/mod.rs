@@ -84,9 +84,9 @@ pub enum LoadAvatarError {
     #[error("joints not found in the rig: {}", names(missing))]
     #[allow(missing_docs, reason = "the message documents the variant")]
     MissingJoints { missing: Vec<Bone> },
-    /// Parts without a common volume
+    /// Parts that are too far from each other for a common hull
     #[error(
-        "the surface has {part_count} parts that enclose no common volume; export the body as one closed mesh"
+        "the surface has {part_count} parts that do not connect to one body; export it as one closed mesh"
     )]
     #[allow(missing_docs, reason = "the message documents the variant")]
     NoHull { part_count: usize },

@@ -510,6 +510,19 @@ fn an_open_surface_is_replaced_by_its_hull() {
 }
 
 #[test]
+fn parts_that_do_not_connect_are_rejected() {
+    let mut surface = Surface::default();
+    let (legs, head) = (
+        DVec3::new(400.0, 800.0, 300.0),
+        DVec3::new(400.0, 1800.0, 300.0),
+    );
+    add_box(&mut surface, DVec3::ZERO, legs);
+    add_box(&mut surface, DVec3::Y * 1400.0, head);
+    let error = closed::close(&mut surface).unwrap_err().to_string();
+    assert!(error.contains("2 parts that do not connect"), "{error}");
+}
+
+#[test]
 fn surfaces_without_limbs_are_rejected() {
     let absent = TestBody {
         absent: Some(Bone::RightForearm),
