@@ -88,6 +88,19 @@ fn a_black_person_is_inverted() {
 }
 
 #[test]
+fn joints_outside_the_outline_do_not_hide_an_inversion() {
+    let mut noisy = keypoints();
+    for joint in Joint::ALL.into_iter().take(8) {
+        let mut keypoint = noisy.get(joint);
+        keypoint.position.x = 39.5;
+        noisy.set(joint, keypoint);
+    }
+    let bytes = gray(|x, y| if is_person(x, y) { 0 } else { 255 });
+    let given = read_mask(&bytes, (80, 120), &noisy).unwrap();
+    assert_eq!(given.fixes, [MaskFix::Inverted]);
+}
+
+#[test]
 fn levels_of_0_and_1_are_read() {
     let bytes = gray(|x, y| u8::from(is_person(x, y)));
     reads_as_person(&bytes, &[MaskFix::LowLevels { highest: 1 }]);
