@@ -77,7 +77,7 @@ pub fn to_strict(bytes: &[u8]) -> Result<Cow<'_, [u8]>, JsonError> {
     if content.is_empty() {
         return Err(JsonError::Empty);
     }
-    repair.run(content)?;
+    repair.run(&content)?;
     match serde_json::from_str::<IgnoredAny>(&repair.out) {
         Ok(_) => Ok(Cow::Owned(repair.out.into_bytes())),
         Err(error) => Err(repair.error(&error)),
@@ -178,7 +178,7 @@ impl<'a> Repair<'a> {
         self.origins.resize(self.out.len(), origin);
     }
 
-    fn run(&mut self, content: Range<usize>) -> Result<(), JsonError> {
+    fn run(&mut self, content: &Range<usize>) -> Result<(), JsonError> {
         // `"{ \"key\": 1 }"`: quotes that a shell kept, with those inside escaped for it.
         let escaped = content.start > 0
             && self.at(content.start - 1) == '"'

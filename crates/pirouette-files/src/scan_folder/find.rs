@@ -124,7 +124,7 @@ impl Listing {
             }
         };
         let files = self.names.get(&folder).map_or(&[][..], Vec::as_slice);
-        let (ignored, mut photos): (Vec<_>, Vec<_>) = files
+        let (mut ignored, mut photos): (Vec<_>, Vec<_>) = files
             .iter()
             .filter(|name| has_extension(name, &PHOTO_EXTENSIONS))
             .cloned()
@@ -150,7 +150,6 @@ impl Listing {
         }
         photos.extend(unreadable);
         photos.sort_by(|a, b| natural_order(a, b));
-        let mut ignored = ignored;
         ignored.sort_by(|a, b| natural_order(a, b));
         warnings.extend(
             ignored
