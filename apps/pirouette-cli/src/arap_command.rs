@@ -2,10 +2,13 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
-use pirouette_files::formats::mesh::{read_off, write_off};
+use anyhow::{Context, Result, bail, ensure};
+use pirouette_files::formats::mesh::{
+    MeshFormat, read_off, write_obj, write_off, write_ply, write_stl,
+};
 use pirouette_files::formats::points::parse_points;
 use pirouette_files::sink::write_atomic;
+use pirouette_geom::TriMesh;
 use pirouette_geom::arap::{ArapOptions, deform_points};
 use serde_json::json;
 
@@ -14,6 +17,7 @@ use crate::output::Output;
 
 /// Deforms a planar mesh and writes the result
 pub fn run(args: &ArapArgs, output: Output) -> Result<()> {
+    let write = writer(&args.out)?;
     let mesh = read(&args.mesh)?;
     let mesh = read_off(&mesh).with_context(|| args.mesh.display().to_string())?;
     let points = |file: &Path| {
@@ -31,7 +35,7 @@ pub fn run(args: &ArapArgs, output: Output) -> Result<()> {
     );
     let deformed = deform_points(&mesh, &source, &target, &ArapOptions::precise())
         .with_context(|| format!("cannot deform {}", args.mesh.display()))?;
-    write_atomic(&args.out, &write_off(&deformed))?;
+    write_atomic(&args.out, &write(&deformed))?;
     output.done(
         &format!(
             "{}: {} vertices, {} moved to targets",
@@ -41,6 +45,24 @@ pub fn run(args: &ArapArgs, output: Output) -> Result<()> {
         ),
         || json!({ "ok": true, "out": args.out, "vertices": deformed.positions.len() }),
     )
+}
+
+/// Returns the function that writes the format of a file name; without an extension, OFF
+fn writer(out: &Path) -> Result<fn(&TriMesh) -> Vec<u8>> {
+    let Some(extension) = out.extension() else {
+        return Ok(write_off);
+    };
+    match MeshFormat::from_extension(&extension.to_string_lossy()) {
+        Some(MeshFormat::Off) => Ok(write_off),
+        Some(MeshFormat::Obj) => Ok(write_obj),
+        Some(MeshFormat::Ply) => Ok(|mesh| write_ply(mesh, None)),
+        Some(MeshFormat::Stl) => Ok(write_stl),
+        // GLB has units, a planar mesh has none.
+        Some(MeshFormat::Glb) | None => bail!(
+            "cannot write {}: a planar mesh can be written as .off, .obj, .ply or .stl",
+            out.display()
+        ),
+    }
 }
 
 fn read(file: &Path) -> Result<Vec<u8>> {

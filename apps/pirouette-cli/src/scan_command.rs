@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, Error, Result};
+use pirouette::body::ReferencePose;
+use pirouette::body::gltf::load_avatar_with_hull;
 use pirouette::pipeline;
 use pirouette::pipeline::{AvatarSource, CancelToken, Config, Goal};
 use pirouette::sizes::{Advice, Chart, advise_person};
@@ -10,7 +12,7 @@ use pirouette_files::formats::charts::{built_in_charts, parse_charts};
 use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::job::{FinishedJob, JobError, JobOptions, run_job};
-use pirouette_files::results::ResultOptions;
+use pirouette_files::results::{ResultOptions, remove_results};
 use pirouette_files::scan_folder::{GivenKeypoints, open_source};
 use pirouette_files::source::Source;
 use serde_json::{Value, json};
@@ -30,6 +32,7 @@ pub fn run(
 ) -> Result<()> {
     let progress = Progress::new(quiet);
     let config = config(&args.method, goal)?;
+    check_avatar(&config.avatar, &progress)?;
     let formats: Vec<MeshFormat> = args.format.iter().map(|format| format.of_mesh()).collect();
     let exports: Vec<ExportFormat> = args.export.iter().map(|e| e.of_file()).collect();
     let charts = charts(args.chart.as_deref())?;
@@ -55,7 +58,9 @@ pub fn run(
         keypoints: keypoints.as_ref(),
     };
     let job = || scan_source(source, &config, &job_options, &progress, cancel);
-    let done = job().and_then(|done| Ok(done.write(&args.out, &options).map(|()| done)?));
+    // The result of an earlier scan is not that of this one, even if this one fails.
+    let done = job().inspect_err(|_| remove_results(&args.out));
+    let done = done.and_then(|done| Ok(done.write(&args.out, &options).map(|()| done)?));
     progress.finish();
     let done = done?;
     if let Some(refusal) = done.report.refusal {
@@ -121,6 +126,18 @@ pub fn config(args: &MethodArgs, goal: Goal) -> Result<Config> {
         config.avatar = AvatarSource::File { name, bytes };
     }
     Ok(config)
+}
+
+/// Rejects an avatar before anything is computed, and reports how its surface was closed
+fn check_avatar(avatar: &AvatarSource, progress: &Progress) -> Result<()> {
+    if let AvatarSource::File { name, bytes } = avatar {
+        let loaded = load_avatar_with_hull(bytes, ReferencePose::A);
+        let (_, hull) = loaded.with_context(|| format!("avatar {name}"))?;
+        if let Some(hull) = hull {
+            progress.print_line(&format!("warning: {name}: {hull}"));
+        }
+    }
+    Ok(())
 }
 
 /// Returns the charts of a file, or the built-in ones

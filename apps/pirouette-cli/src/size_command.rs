@@ -39,11 +39,9 @@ pub fn run(args: &SizeArgs, output: Output) -> Result<()> {
         (None, _) => None,
     };
     let dimension = |key: &str| {
+        // Without a standard deviation, a value looks exact.
         let value_mm = found["measurements_mm"][key].as_f64()?;
-        Some((
-            value_mm,
-            found["details"][key]["sd_mm"].as_f64().unwrap_or(0.0),
-        ))
+        Some((value_mm, found["details"][key]["sd_mm"].as_f64()?))
     };
     let fits = |chart: &&Chart| sex.is_none() || chart.sex.is_none() || chart.sex == sex;
     let advice: Vec<Advice> = charts

@@ -141,6 +141,35 @@ fn arap_moves_all_other_vertices() {
 }
 
 #[test]
+fn arap_writes_the_format_of_the_file_name() {
+    let folders = Folders::empty();
+    let mesh = folders.write("in.off", SQUARE);
+    let points = folders.write("points.csv", "0,0\n10,0\n");
+    let run = |out: &std::path::Path| {
+        let points = text(&points);
+        pirouette(&[
+            "arap",
+            "--mesh",
+            text(&mesh),
+            "--source",
+            points,
+            "--target",
+            points,
+            "-o",
+            text(out),
+        ])
+    };
+    let ply = folders.path("out.ply");
+    run(&ply).exits_with(0);
+    let read = pirouette_files::formats::mesh::read_ply(&std::fs::read(&ply).unwrap());
+    assert_eq!(read.unwrap().positions.len(), 5);
+    let unknown = folders.path("out.glb");
+    let error = run(&unknown).exits_with(1).stderr();
+    assert!(error.contains(".off, .obj, .ply or .stl"), "{error}");
+    assert!(!unknown.exists());
+}
+
+#[test]
 fn arap_names_the_invalid_line() {
     let folders = Folders::empty();
     let mesh = folders.write("in.off", SQUARE);

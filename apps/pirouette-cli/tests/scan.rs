@@ -326,3 +326,35 @@ fn results_do_not_depend_on_the_number_of_threads() {
     let version = pirouette(&["--version"]).exits_with(0);
     assert!(version.stdout().contains(env!("CARGO_PKG_VERSION")));
 }
+
+#[test]
+fn no_file_of_an_earlier_result_remains() {
+    let folders = Folders::with_views(3);
+    folders.run("segment", &[]).exits_with(0);
+    let listed = folders.json("result.json")["files"].clone();
+    let listed: Vec<&str> = listed
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|f| f.as_str().unwrap())
+        .collect();
+    for name in ["contact.jpg", "result.json", "views/002/mask.png"] {
+        assert!(listed.contains(&name), "{listed:?}");
+    }
+    assert!(listed.iter().all(|name| folders.out().join(name).is_file()));
+    std::fs::write(folders.out().join("notes.txt"), "mine").unwrap();
+    std::fs::write(
+        folders.scan().join("scan.json"),
+        r#"{ "views": [ { "image": "000.jpg" }, { "image": "001.jpg" } ] }"#,
+    )
+    .unwrap();
+    folders.run("segment", &[]).exits_with(0);
+    assert!(folders.out().join("views/001/mask.png").exists());
+    assert!(!folders.out().join("views/002").exists());
+    // A failed scan leaves no result of another one.
+    std::fs::write(folders.scan().join("scan.json"), "{ view }").unwrap();
+    folders.run("segment", &[]).exits_with(1);
+    let left: Vec<_> = std::fs::read_dir(folders.out()).unwrap().collect();
+    assert_eq!(left.len(), 1, "{left:?}");
+    assert!(folders.out().join("notes.txt").exists());
+}

@@ -157,7 +157,7 @@ impl DetectedPhotos {
     #[cfg(feature = "folders")]
     pub fn write(&self, folder: &Path) -> Result<(), ResultError> {
         make_folder(folder)?;
-        self.put(&Sink::Folder(folder.to_owned()))
+        self.put(&Sink::folder(folder.to_owned()))
     }
 
     fn put(&self, sink: &Sink) -> Result<(), ResultError> {

@@ -1,18 +1,27 @@
 //! Result folders: masks, images, bodies, measurements and intermediate results.
 //!
 //! Keys are stable, lengths in mm or in px of the original photo, angles in degrees. In an existing folder, files are
-//! replaced one by one.
+//! replaced one by one; `result.json` lists them, so that the next job can remove those that it does not replace.
+
+#[cfg(feature = "folders")]
+mod earlier;
+mod view_json;
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use glam::DVec2;
 use pirouette_geom::Mask;
 use pirouette_geom::parallel::prelude::*;
 use pirouette_segment::border::sharpen_mask;
 use serde_json::{Map, Value, json};
 use thiserror::Error;
+
+#[cfg(feature = "folders")]
+use earlier::EarlierResult;
+#[cfg(feature = "folders")]
+pub use earlier::remove_results;
+use view_json::view_value;
 
 use crate::formats::export::ExportFormat;
 use crate::formats::mesh::{BodyMesh, MeshFormat};
@@ -26,13 +35,12 @@ use crate::scan_folder::{LoadedScan, keypoint_file, keypoints_in_input};
 use crate::sink::make_folder;
 use crate::sink::{Sink, WriteError};
 use crate::warning::Warning;
-use pirouette::normalize::{JointPositions, LimbRefinement, Registration};
 use pirouette::pipeline::{Goal, Method, Report};
 use pirouette::scan::{KeypointSource, Photo, Scan, View};
 use pirouette::sizes::{Chart, advise_person};
 use pirouette::skeleton_fit::{BoneScale, Skeleton};
 use pirouette::view::SolvedView;
-use pirouette_body::{Bone, Camera, Joint, ReferencePose};
+use pirouette_body::{Camera, ReferencePose};
 
 /// Why results could not be written
 #[derive(Debug, Error)]
@@ -91,8 +99,13 @@ pub fn write_results(
     options: &ResultOptions,
 ) -> Result<(), ResultError> {
     make_folder(folder)?;
-    let sink = Sink::Folder(folder.to_owned());
-    write_artifacts(&sink, loaded, load_seconds, report, options)
+    let earlier = EarlierResult::of(folder);
+    // While files of both results exist, none may be taken for the measurements of this scan.
+    earlier.remove_summary();
+    let sink = Sink::folder(folder.to_owned());
+    let written = write_artifacts(&sink, loaded, load_seconds, report, options);
+    earlier.remove_except(&sink.names());
+    written
 }
 
 /// Encodes the files that [`write_results`] writes, in memory: bytes by name, such as `views/000/mask.png`
@@ -185,7 +198,9 @@ fn write_artifacts(
         sink.put("report.html", write_page(&page).into_bytes())?;
     }
     // Last, so that an existing result.json means a complete result.
-    let result = result_value(loaded, load_seconds, report);
+    let mut result = result_value(loaded, load_seconds, report);
+    let own = ["result.json".to_owned()];
+    result["files"] = sink.names().into_iter().chain(own).collect();
     put_json(sink, "result.json", &result)
 }
 
@@ -496,105 +511,6 @@ fn skeleton_value(skeleton: &Skeleton, views: &[View]) -> Value {
         },
         "mended": fixed.collect::<Vec<_>>(),
         "outliers": outliers.collect::<Vec<_>>(),
-    })
-}
-
-fn view_value(view: &View, found: &SolvedView) -> Value {
-    let (width, height) = view.input_size_px;
-    // All other coordinates are in px of the working photo.
-    let scale = DVec2::new(
-        width as f64 / view.photo.width() as f64,
-        height as f64 / view.photo.height() as f64,
-    );
-    let detected = Joint::ALL.iter().filter_map(|&joint| {
-        let keypoint = view.keypoints.found(joint)?;
-        let p = keypoint.position * scale;
-        let confidence = rounded(keypoint.confidence, 3);
-        let entry = json!([rounded(p.x, 2), rounded(p.y, 2), confidence]);
-        Some((joint.name().to_owned(), entry))
-    });
-    let mut value = json!({
-        "name": view.name,
-        "angle_deg": rounded(view.turn.degrees(), 3),
-        "width_px": width,
-        "height_px": height,
-        "mask_given": view.mask.is_some(),
-        "silhouette_from_avatar": found.silhouette.prior_used,
-        "joints_px": { "detected": detected.collect::<Map<_, _>>() },
-    });
-    if let Some(normalized) = &found.normalized {
-        let steps = [
-            ("aligned", &normalized.joints.aligned),
-            ("registered", &normalized.joints.registered),
-            ("refined", &normalized.joints.refined),
-        ];
-        for (step, joints) in steps {
-            value["joints_px"][step] = joints_value(joints, scale);
-        }
-        value["registration"] = normalized
-            .registration
-            .as_ref()
-            .map_or(Value::Null, |found| registration_value(found, scale));
-        let limbs = normalized
-            .limbs
-            .iter()
-            .map(|limb| (limb.limb.name().to_owned(), limb_value(limb, scale)));
-        value["limbs"] = Value::Object(limbs.collect());
-        value["reference_iou"] = rounded(normalized.reference_iou, 4);
-    }
-    let fitted = found
-        .fit
-        .and_then(|fit| Some((fit.pose, fit.silhouette_iou?)));
-    if let Some((_, iou)) = fitted {
-        value["fit_iou"] = rounded(iou, 4);
-    }
-    let by_keypoints = || found.skeleton.map(|skeleton| skeleton.pose);
-    if let Some(pose) = fitted.map(|(pose, _)| pose).or_else(by_keypoints) {
-        let rotations = Bone::ALL
-            .iter()
-            .map(|&bone| {
-                let degrees = pose.rotations[bone].to_array();
-                let degrees = degrees.map(|r| rounded(r.to_degrees(), 2));
-                (bone.name().to_owned(), json!(degrees))
-            })
-            .collect::<Map<_, _>>();
-        value["pose"] = json!({
-            "rotations_deg": rotations,
-            "shift_mm": pose.shift_mm.to_array().map(|v| rounded(v, 1)),
-        });
-    }
-    value
-}
-
-fn joints_value(joints: &JointPositions, scale: DVec2) -> Value {
-    let entries = Joint::ALL.iter().filter_map(|&joint| {
-        let p = joints[joint]? * scale;
-        let entry = json!([rounded(p.x, 2), rounded(p.y, 2)]);
-        Some((joint.name().to_owned(), entry))
-    });
-    Value::Object(entries.collect())
-}
-
-/// Returns the rigid motion onto the reference, and the mean contour distance before and after
-fn registration_value(found: &Registration, scale: DVec2) -> Value {
-    let shift = found.translation_px * scale;
-    let center = found.center * scale;
-    json!({
-        "rotation_deg": rounded(found.rotation_radians.to_degrees(), 3),
-        "center_px": [rounded(center.x, 2), rounded(center.y, 2)],
-        "translation_px": [rounded(shift.x, 2), rounded(shift.y, 2)],
-        "error_before_px": rounded(found.mean_distance_before_px * scale.y, 3),
-        "error_after_px": rounded(found.mean_distance_after_px * scale.y, 3),
-    })
-}
-
-/// Returns the angles of a limb's chain, and the mean contour distance before and after
-fn limb_value(limb: &LimbRefinement, scale: DVec2) -> Value {
-    json!({
-        "upper_deg": rounded(limb.upper_radians.to_degrees(), 2),
-        "lower_deg": rounded(limb.lower_radians.to_degrees(), 2),
-        "error_before_px": rounded(limb.mean_distance_before_px * scale.y, 3),
-        "error_after_px": rounded(limb.mean_distance_after_px * scale.y, 3),
     })
 }
 

@@ -10,7 +10,7 @@ use std::io::Write;
 #[cfg(feature = "folders")]
 use std::path::Path;
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use thiserror::Error;
 
@@ -46,18 +46,37 @@ pub enum WriteError {
 
 /// A destination for the artifacts of a job, by names such as `views/000/mask.png`
 #[derive(Debug)]
-pub enum Sink {
+pub struct Sink {
+    place: Place,
+    /// Names of the stored artifacts; in memory with their bytes
+    entries: Mutex<BTreeMap<String, Vec<u8>>>,
+}
+
+#[derive(Debug)]
+enum Place {
     /// Files in a folder; subfolders are created as needed
     #[cfg(feature = "folders")]
     Folder(PathBuf),
     /// Entries in memory
-    Memory(Mutex<BTreeMap<String, Vec<u8>>>),
+    Memory,
 }
 
 impl Sink {
     /// Creates an empty sink in memory
     pub fn memory() -> Self {
-        Self::Memory(Mutex::default())
+        Self {
+            place: Place::Memory,
+            entries: Mutex::default(),
+        }
+    }
+
+    /// Creates a sink that writes into a folder; subfolders are created as needed
+    #[cfg(feature = "folders")]
+    pub fn folder(folder: PathBuf) -> Self {
+        Self {
+            place: Place::Folder(folder),
+            entries: Mutex::default(),
+        }
     }
 
     /// Stores one artifact; can be called from any thread
@@ -66,37 +85,42 @@ impl Sink {
     /// When a file cannot be written; an existing file is then unchanged.
     pub fn put<'a>(&self, name: &str, bytes: impl Into<Cow<'a, [u8]>>) -> Result<(), WriteError> {
         let bytes = bytes.into();
-        match self {
+        let kept = match &self.place {
             #[cfg(feature = "folders")]
-            Self::Folder(_) => {
+            Place::Folder(_) => {
                 let file = self.path(name);
                 make_folder(file.parent().unwrap_or(Path::new(".")))?;
-                write_atomic(&file, &bytes)
+                write_atomic(&file, &bytes)?;
+                Vec::new()
             }
-            Self::Memory(entries) => {
-                let mut entries = entries.lock().unwrap_or_else(PoisonError::into_inner);
-                entries.insert(name.to_owned(), bytes.into_owned());
-                Ok(())
-            }
-        }
+            Place::Memory => bytes.into_owned(),
+        };
+        self.entries().insert(name.to_owned(), kept);
+        Ok(())
     }
 
     /// Returns the path of an artifact, for messages
     pub fn path(&self, name: &str) -> PathBuf {
-        match self {
+        match &self.place {
             #[cfg(feature = "folders")]
-            Self::Folder(folder) => folder.join(name),
-            Self::Memory(_) => PathBuf::from(name),
+            Place::Folder(folder) => folder.join(name),
+            Place::Memory => PathBuf::from(name),
         }
     }
 
-    /// Returns the artifacts in memory by name; empty for a folder
+    /// Returns the names of the artifacts stored so far, sorted
+    pub fn names(&self) -> Vec<String> {
+        self.entries().keys().cloned().collect()
+    }
+
+    /// Returns the artifacts in memory by name; for a folder, their bytes are empty
     pub fn into_artifacts(self) -> BTreeMap<String, Vec<u8>> {
-        match self {
-            #[cfg(feature = "folders")]
-            Self::Folder(_) => BTreeMap::new(),
-            Self::Memory(entries) => entries.into_inner().unwrap_or_else(PoisonError::into_inner),
-        }
+        let entries = self.entries.into_inner();
+        entries.unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn entries(&self) -> MutexGuard<'_, BTreeMap<String, Vec<u8>>> {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -21,6 +21,7 @@ pub mod section;
 pub mod sparse;
 pub mod tri_mesh;
 pub mod triangle_sides;
+pub mod winding;
 
 pub use raster::{Grid, Mask, Windowed};
 pub use tri_mesh::TriMesh;

@@ -7,7 +7,7 @@ use clap::Args;
 /// Arguments of `arap`
 #[derive(Debug, Args)]
 pub struct ArapArgs {
-    /// Planar triangle mesh; z is ignored
+    /// Triangle mesh in the xy plane; z is unchanged
     #[arg(long, value_name = "IN.off")]
     pub mesh: PathBuf,
 
@@ -19,13 +19,14 @@ pub struct ArapArgs {
     #[arg(long, value_name = "DST.csv")]
     pub target: PathBuf,
 
-    /// Output file for the deformed mesh
+    /// Output file for the deformed mesh: .off, .obj, .ply or .stl
     #[arg(short, long, value_name = "OUT.off")]
     pub out: PathBuf,
 }
 
 pub const ARAP_HELP: &str = "\
 The vertex nearest to each source point moves to the target; all others follow as rigidly as possible.
+Source points far from the mesh are errors, and so are points that would move one vertex to different targets.
 
 Examples:
   pirouette arap --mesh square.off --source from.csv --target to.csv -o deformed.off";

@@ -15,7 +15,7 @@ pub struct ScanArgs {
     #[arg(value_name = "SCAN")]
     pub scan: PathBuf,
 
-    /// Result folder; files in an existing one are replaced, other files are kept
+    /// Result folder; an earlier result in it is replaced, or removed if the scan fails; other files are kept
     #[arg(short, long, value_name = "OUT", default_value = "out")]
     pub out: PathBuf,
 
@@ -82,7 +82,7 @@ pub struct MethodArgs {
     #[arg(long, value_enum, default_value_t = Method::Fit)]
     pub method: Method,
 
-    /// Skinned glTF or VRM avatar to use as the reference instead of the built-in one
+    /// Skinned glTF or VRM avatar of human proportions to use as the reference instead of the built-in one
     #[arg(long, value_name = "FILE.glb|.vrm")]
     pub avatar: Option<PathBuf>,
 
@@ -191,6 +191,9 @@ optional; without `views`, the photos are used in the order of their names:
                 \"mm_per_px\": 2.1 },
     \"views\": [ { \"image\": \"000.jpg\", \"keypoints\": \"000_keypoints.json\", \"angle_deg\": 0,
                  \"mask\": \"000_mask.png\" } ] }
+
+The file may be UTF-8 or UTF-16, with comments, trailing commas and decimal commas. A mask is white on black in the size of
+the photo; inverted masks, cut-outs, one color per person and other sizes are recognized.
 
 Without the height, the scale is computed from the size of a pixel at the turning axis (`mm_per_px`) or from a bank
 card in a photo (`--scale card`); without any of these, lengths are in units of the height. Given sex and mass, survey

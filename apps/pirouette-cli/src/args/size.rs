@@ -24,7 +24,8 @@ pub struct SizeArgs {
 
 pub const SIZE_HELP: &str = "\
 Prints one size, two adjacent sizes or \"not sure\", with probabilities derived from the standard deviations of the
-measurements. The built-in charts follow EN 13402-3. A custom chart is a TOML file:
+measurements. All measures of a garment count: it must be large enough for each of them. If they indicate different
+sizes, the line names the measure that decides. The built-in charts follow EN 13402-3. A custom chart is a TOML file:
   [[chart]]
   name = \"Our shirts\"
   sex = \"female\"                        or \"male\"; omit for all
@@ -35,6 +36,7 @@ measurements. The built-in charts follow EN 13402-3. A custom chart is a TOML fi
     { name = \"S\", bust_girth = [82, 90], waist_girth = [66, 74] },   body dimensions in cm, ascending
     { name = \"M\", bust_girth = [90, 98], waist_girth = [74, 82] },
   ]
+Intervals in whole centimeters may leave gaps of 1 cm ([82, 89], then [90, 97]).
 
 Examples:
   pirouette size anna

@@ -5,9 +5,13 @@
 //! bones: each follows its nearest ancestor that is one of them. The body is loaded in the pose of its rig, turned to
 //! face +z, put on the floor and moved into the requested pose.
 //!
+//! A surface of several shells, or with holes, is replaced by its outer hull. Figures without arms or legs, or with the
+//! proportions of cartoons, are rejected.
+//!
 //! Not read: animations, morph targets, materials, meshes without a skin, compressed geometry, and buffers in other
 //! files.
 
+mod closed;
 mod document;
 mod rig;
 mod surface;
@@ -22,6 +26,7 @@ use document::{Document, Node};
 use rig::{Rig, ancestors, is_optional, parents};
 use surface::Surface;
 
+pub use closed::HullUsed;
 pub use document::AccessorDefect;
 
 /// Millimeters in the unit of glTF
@@ -79,6 +84,27 @@ pub enum LoadAvatarError {
     #[error("joints not found in the rig: {}", names(missing))]
     #[allow(missing_docs, reason = "the message documents the variant")]
     MissingJoints { missing: Vec<Bone> },
+    /// Parts that are too far from each other for a common hull
+    #[error(
+        "the surface has {part_count} parts that do not connect to one body; export it as one closed mesh"
+    )]
+    #[allow(missing_docs, reason = "the message documents the variant")]
+    NoHull { part_count: usize },
+    /// A rig with bones that the surface does not have
+    #[error("the surface has no {}: the middle of this bone is not inside a limb; export the complete body", bone.name())]
+    #[allow(missing_docs, reason = "the message documents the variant")]
+    MissingLimb { bone: Bone },
+    /// A figure that is not built like a person
+    #[error(
+        "{part}: {percent:.0} % of the height; between {lowest_percent:.0} and {highest_percent:.0} % for people: use an avatar with human proportions"
+    )]
+    #[allow(missing_docs, reason = "the message documents the variant")]
+    Proportions {
+        part: &'static str,
+        percent: f64,
+        lowest_percent: f64,
+        highest_percent: f64,
+    },
     /// No extent, or coordinates that are not finite
     #[error("the body is flat, empty or not finite")]
     Degenerate,
@@ -91,13 +117,25 @@ fn names(bones: &[Bone]) -> String {
 
 /// Loads a skinned humanoid and moves it into a reference pose
 ///
-/// The result stands on the floor, faces +z and has the size given in the file; see [`Avatar::scaled_to`]. Loose parts
-/// such as eyes and teeth are dropped if one part is the complete body.
+/// The result is one closed surface, stands on the floor, faces +z and has the size given in the file; see
+/// [`Avatar::scaled_to`]. Loose parts such as eyes and teeth are dropped if one part is the complete body; a surface of
+/// several parts, or with holes, is replaced by its outer hull.
 ///
 /// # Errors
 /// When the bytes are not readable glTF, have no skin, lack a joint that cannot be inferred from the others (clavicles,
-/// neck and upper spine can), or the body has no extent.
+/// neck and upper spine can), the body has no extent, lacks an arm or a leg, or does not have human proportions.
 pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvatarError> {
+    load_avatar_with_hull(bytes, pose).map(|(avatar, _)| avatar)
+}
+
+/// Like [`load_avatar`]; also returns whether the surface was replaced by its hull
+///
+/// # Errors
+/// Those of [`load_avatar`].
+pub fn load_avatar_with_hull(
+    bytes: &[u8],
+    pose: ReferencePose,
+) -> Result<(Avatar, Option<HullUsed>), LoadAvatarError> {
     let document = Document::parse(bytes)?;
     let nodes = &document.root.nodes;
     let parents = parents(nodes);
@@ -134,6 +172,7 @@ pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvat
     bones.heads.iter_mut().for_each(place);
     bones.eyes.iter_mut().flatten().for_each(place);
     surface.face_outward();
+    let hull = closed::close(&mut surface)?;
     if bones.nodes[Bone::UpperSpine].is_none() {
         split_the_trunk(&mut surface, bones.heads[Bone::UpperSpine].y);
     }
@@ -152,6 +191,7 @@ pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvat
         pose,
     };
     put_on_the_axis(&mut avatar, &mut bones.eyes);
+    closed::check_person(&avatar)?;
     stance::pose_arms(&mut avatar, pose);
     avatar.keypoints = detector_points::find_keypoints(
         &avatar.mesh,
@@ -159,7 +199,7 @@ pub fn load_avatar(bytes: &[u8], pose: ReferencePose) -> Result<Avatar, LoadAvat
         &avatar.bone_heads,
         bones.eyes,
     );
-    Ok(avatar)
+    Ok((avatar, hull))
 }
 
 /// Returns the world matrix of every node

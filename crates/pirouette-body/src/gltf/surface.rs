@@ -275,27 +275,38 @@ impl Surface {
         }
     }
 
-    /// Returns the mesh without unused vertices, and its weights
-    pub(super) fn into_mesh(self) -> (TriMesh, Vec<SkinWeight>) {
+    /// Removes unused vertices
+    pub(super) fn compact(&mut self) {
         let mut new_index = vec![u32::MAX; self.positions.len()];
         let (mut positions, mut weights) = (Vec::new(), Vec::new());
-        let mut triangles = self.triangles;
-        for triangle in &mut triangles {
-            for v in triangle {
-                let old = *v as usize;
-                if new_index[old] == u32::MAX {
-                    new_index[old] = positions.len() as u32;
-                    positions.push(self.positions[old]);
-                    weights.push(self.weights[old]);
-                }
-                *v = new_index[old];
+        for v in self.triangles.iter_mut().flatten() {
+            let old = *v as usize;
+            if new_index[old] == u32::MAX {
+                new_index[old] = positions.len() as u32;
+                positions.push(self.positions[old]);
+                weights.push(self.weights[old]);
             }
+            *v = new_index[old];
         }
+        (self.positions, self.weights) = (positions, weights);
+    }
+
+    /// Returns the triangles without weights
+    pub(super) fn mesh(&self) -> TriMesh {
+        TriMesh {
+            positions: self.positions.clone(),
+            triangles: self.triangles.clone(),
+        }
+    }
+
+    /// Returns the mesh and its weights
+    pub(super) fn into_mesh(self) -> (TriMesh, Vec<SkinWeight>) {
+        let weights = skin_weights(&self.weights);
         let mesh = TriMesh {
-            positions,
-            triangles,
+            positions: self.positions,
+            triangles: self.triangles,
         };
-        (mesh, skin_weights(&weights))
+        (mesh, weights)
     }
 }
 

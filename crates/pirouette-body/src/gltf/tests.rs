@@ -17,6 +17,10 @@ struct TestBody {
     loose_part: bool,
     /// One box around everything, so that one part is the complete body
     wrapped: bool,
+    /// A bone that the rig has, but the surface does not
+    absent: Option<Bone>,
+    /// Number of triangles that are missing at the end of the last part
+    hole: usize,
 }
 
 impl Default for TestBody {
@@ -28,6 +32,8 @@ impl Default for TestBody {
             arm_angle: 0.0,
             loose_part: false,
             wrapped: false,
+            absent: None,
+            hole: 0,
         }
     }
 }
@@ -89,10 +95,10 @@ fn bone_box(bone: Bone) -> (DVec3, DVec3) {
         UpperSpine => (v(-0.17, 1.2, -0.1), v(0.17, 1.42, 0.1)),
         Neck => (v(-0.05, 1.42, -0.05), v(0.05, 1.52, 0.05)),
         Head => (v(-0.08, 1.52, -0.1), v(0.08, 1.75, 0.1)),
-        LeftClavicle => (v(0.03, 1.38, -0.05), v(0.17, 1.45, 0.05)),
-        LeftUpperArm => (v(0.18, 1.36, -0.04), v(0.45, 1.44, 0.04)),
-        LeftForearm => (v(0.46, 1.37, -0.03), v(0.7, 1.43, 0.03)),
-        LeftHand => (v(0.71, 1.38, -0.03), v(0.88, 1.42, 0.05)),
+        LeftClavicle => (v(0.03, 1.36, -0.05), v(0.19, 1.45, 0.05)),
+        LeftUpperArm => (v(0.17, 1.36, -0.04), v(0.46, 1.44, 0.04)),
+        LeftForearm => (v(0.45, 1.37, -0.03), v(0.71, 1.43, 0.03)),
+        LeftHand => (v(0.7, 1.38, -0.03), v(0.88, 1.42, 0.05)),
         LeftThigh => (v(0.03, 0.5, -0.08), v(0.17, 0.88, 0.08)),
         LeftShin => (v(0.05, 0.08, -0.06), v(0.15, 0.5, 0.06)),
         LeftFoot => (v(0.05, 0.0, -0.08), v(0.15, 0.08, 0.18)),
@@ -159,7 +165,10 @@ fn glb(body: &TestBody) -> Vec<u8> {
             }
         }
     };
-    for bone in Bone::ALL {
+    for bone in Bone::ALL
+        .into_iter()
+        .filter(|&bone| Some(bone) != body.absent)
+    {
         let (low, high) = bone_box(bone);
         let is_arm =
             bone.descends_from(Bone::LeftUpperArm) || bone.descends_from(Bone::RightUpperArm);
@@ -188,6 +197,7 @@ fn glb(body: &TestBody) -> Vec<u8> {
         add_box(low, high, 0, &turned);
     }
 
+    indices.truncate(indices.len() - 3 * body.hole);
     let mut binary: Vec<u8> = Vec::new();
     let mut views: Vec<Value> = Vec::new();
     let mut view = |bytes: Vec<u8>| {
@@ -263,7 +273,7 @@ fn direction(avatar: &Avatar, from: Bone, to: Bone) -> DVec3 {
 #[test]
 fn joints_are_at_the_positions_of_the_file() {
     let avatar = load(&TestBody::default(), ReferencePose::T);
-    assert!((avatar.stature_mm() - 1750.0).abs() < 1e-3);
+    assert!((avatar.stature_mm() - 1750.0).abs() < 0.1);
     for bone in [
         Bone::Root,
         Bone::UpperSpine,
@@ -273,22 +283,21 @@ fn joints_are_at_the_positions_of_the_file() {
         let shift = DVec3::Z * TURNING_AXIS_BEHIND_HIPS * 1750.0;
         let expected = joint(bone, 0.0) * 1000.0 + shift;
         let found = avatar.bone_heads[bone];
-        assert!((found - expected).length() < 1e-3, "{bone:?} {found}");
+        assert!((found - expected).length() < 0.1, "{bone:?} {found}");
     }
     let nose = avatar.keypoints[Joint::Nose];
     let ear = avatar.keypoints[Joint::LeftEar];
-    assert!(nose.z > 90.0 && nose.x.abs() < 1e-9 && ear.x > 70.0);
+    assert!(nose.z > 90.0 && nose.x.abs() < 10.0 && ear.x > 70.0);
     let toe = avatar.keypoints[Joint::LeftBigToe];
     let heel = avatar.keypoints[Joint::LeftHeel];
     assert!(toe.z > 100.0 && heel.z < -60.0 && toe.y < 40.0);
 }
 
 #[test]
-fn sides_of_a_box_become_one_surface() {
+fn boxes_become_one_closed_surface() {
     let avatar = load(&TestBody::default(), ReferencePose::T);
-    assert_eq!(avatar.mesh.positions.len(), 8 * Bone::COUNT);
-    assert_eq!(avatar.mesh.triangles.len(), 12 * Bone::COUNT);
-    assert!(avatar.mesh.volume() > 0.0);
+    assert_eq!(avatar.mesh.check(), Ok(()));
+    assert_eq!(avatar.mesh.components().len(), 1);
     for (p, w) in avatar.mesh.positions.iter().zip(&avatar.weights) {
         if p.y > 1530.0 {
             assert_eq!(w.strongest(), Bone::Head);
@@ -337,11 +346,11 @@ fn a_body_that_faces_backward_is_turned_around() {
     );
     let straight = load(&TestBody::default(), ReferencePose::A);
     for (a, b) in turned.bone_heads.iter().zip(&straight.bone_heads) {
-        assert!((*a - *b).length() < 1e-3);
+        assert!((*a - *b).length() < 0.1);
     }
     for (a, b) in turned.keypoints.iter().zip(&straight.keypoints) {
         // the flat face leaves the height of the nose undetermined
-        assert!((a.x - b.x).abs() < 1e-3 && (a.z - b.z).abs() < 1e-3);
+        assert!((a.x - b.x).abs() < 10.0 && (a.z - b.z).abs() < 10.0);
     }
 }
 
@@ -432,21 +441,112 @@ fn the_error_names_the_missing_joints() {
     );
 }
 
+/// A box as eight vertices and twelve triangles
+fn add_box(surface: &mut Surface, low: DVec3, high: DVec3) {
+    let first = surface.positions.len() as u32;
+    for i in 0..8 {
+        let far = DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
+        surface.positions.push(low + (high - low) * far);
+        surface.weights.push(PerBone::splat(0.0));
+    }
+    let quads = [
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+    ];
+    for [a, b, c, d] in quads {
+        for triangle in [[a, b, c], [a, c, d]] {
+            surface.triangles.push(triangle.map(|v| first + v));
+        }
+    }
+}
+
 #[test]
 fn loose_parts_are_dropped_when_one_part_is_the_complete_body() {
-    let loose = TestBody {
-        loose_part: true,
+    let mut surface = Surface::default();
+    add_box(&mut surface, DVec3::ZERO, DVec3::new(0.4, 1.8, 0.3));
+    add_box(&mut surface, DVec3::ONE, DVec3::splat(1.02));
+    surface.keep_the_body();
+    assert_eq!(surface.triangles.len(), 12, "only the body");
+    let mut surface = Surface::default();
+    add_box(&mut surface, DVec3::ZERO, DVec3::new(0.4, 0.9, 0.3));
+    add_box(&mut surface, DVec3::Y * 0.9, DVec3::new(0.4, 1.8, 0.3));
+    add_box(&mut surface, DVec3::ONE, DVec3::splat(1.02));
+    surface.keep_the_body();
+    assert_eq!(surface.triangles.len(), 24, "a scrap less");
+}
+
+#[test]
+fn a_closed_surface_is_unchanged() {
+    let mut surface = Surface::default();
+    add_box(&mut surface, DVec3::ZERO, DVec3::new(400.0, 1800.0, 300.0));
+    assert_eq!(surface.mesh().check(), Ok(()));
+    assert!(closed::close(&mut surface).unwrap().is_none());
+    assert_eq!(surface.triangles.len(), 12);
+}
+
+#[test]
+fn an_open_surface_is_replaced_by_its_hull() {
+    let mut surface = Surface::default();
+    add_box(&mut surface, DVec3::ZERO, DVec3::new(400.0, 1800.0, 300.0));
+    let whole = surface.mesh();
+    surface.triangles.pop();
+    let hull = closed::close(&mut surface).unwrap().unwrap();
+    assert_eq!((hull.part_count, hull.open_edge_count), (1, 3));
+    let closed = surface.mesh();
+    assert_eq!(closed.check(), Ok(()));
+    // The surface across the hole is where half of all directions are surrounded.
+    assert!((closed.volume() / whole.volume() - 1.0).abs() < 0.2);
+    let open = TestBody {
+        hole: 1,
+        ..TestBody::default()
+    };
+    let (avatar, hull) = load_avatar_with_hull(&glb(&open), ReferencePose::A).unwrap();
+    assert_eq!(avatar.mesh.check(), Ok(()));
+    assert!(hull.unwrap().to_string().contains("3 open edges"));
+}
+
+#[test]
+fn parts_that_do_not_connect_are_rejected() {
+    let mut surface = Surface::default();
+    let (legs, head) = (
+        DVec3::new(400.0, 800.0, 300.0),
+        DVec3::new(400.0, 1800.0, 300.0),
+    );
+    add_box(&mut surface, DVec3::ZERO, legs);
+    add_box(&mut surface, DVec3::Y * 1400.0, head);
+    let error = closed::close(&mut surface).unwrap_err().to_string();
+    assert!(error.contains("2 parts that do not connect"), "{error}");
+}
+
+#[test]
+fn surfaces_without_limbs_are_rejected() {
+    let absent = TestBody {
+        absent: Some(Bone::RightForearm),
+        ..TestBody::default()
+    };
+    let wrapped = TestBody {
         wrapped: true,
         ..TestBody::default()
     };
-    let avatar = load(&loose, ReferencePose::T);
-    assert_eq!(avatar.mesh.positions.len(), 8, "only the box around all");
-    let scattered = TestBody {
-        loose_part: true,
-        ..TestBody::default()
-    };
-    let avatar = load(&scattered, ReferencePose::T);
-    assert_eq!(avatar.mesh.positions.len(), 8 * Bone::COUNT, "a scrap less");
+    for (body, missing) in [(absent, "right_forearm"), (wrapped, "left_upper_arm")] {
+        let error = load_avatar(&glb(&body), ReferencePose::A).unwrap_err();
+        assert!(error.to_string().contains(missing), "{error}");
+    }
+}
+
+#[test]
+fn figures_with_other_proportions_are_rejected() {
+    let mut avatar = load(&TestBody::default(), ReferencePose::A);
+    avatar.bone_heads[Bone::Head].y = 0.6 * avatar.stature_mm();
+    let error = closed::check_person(&avatar).unwrap_err().to_string();
+    assert!(
+        error.starts_with("height of the neck: 60 % of the height"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -477,7 +577,7 @@ fn unusable_files_are_rejected_with_the_reason() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 4))]
+    #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 16))]
 
     #[test]
     fn mutated_files_load_or_fail_but_never_panic(

@@ -153,6 +153,10 @@ fn check_chart(entry: ChartEntry) -> Result<Chart, ChartError> {
         }
         sizes.push(checked);
     }
+    let secondary = entry.secondary.iter();
+    for key in std::iter::once(&entry.primary).chain(secondary) {
+        close_gaps(&mut sizes, key);
+    }
     Ok(Chart {
         name: entry.name,
         system: entry.system,
@@ -162,6 +166,36 @@ fn check_chart(entry: ChartEntry) -> Result<Chart, ChartError> {
         secondary: entry.secondary,
         sizes,
     })
+}
+
+/// Largest gap between the intervals of neighboring sizes, in mm, that is due to whole centimeters
+const LARGEST_GAP_MM: f64 = 10.0;
+
+/// Extends the intervals of charts in whole centimeters by half the gaps between them
+///
+/// "82 to 86, 87 to 91" is meant for rounded values: 86.4 belongs to the first size, 86.6 to the second.
+fn close_gaps(sizes: &mut [Size], key: &str) {
+    let mut intervals: Vec<&mut [f64; 2]> = Vec::new();
+    for size in sizes {
+        let all = size.intervals_mm.iter_mut();
+        intervals.extend(all.filter(|(k, _)| k == key).map(|(_, interval)| interval));
+    }
+    let gaps: Vec<f64> = intervals
+        .windows(2)
+        .map(|pair| pair[1][0] - pair[0][1])
+        .collect();
+    let whole = |gap: &f64| (1e-9..=LARGEST_GAP_MM + 1e-9).contains(gap);
+    let (Some(first), Some(last)) = (gaps.first(), gaps.last()) else {
+        return;
+    };
+    if !gaps.iter().all(whole) {
+        return;
+    }
+    for (index, interval) in intervals.iter_mut().enumerate() {
+        let before = index.checked_sub(1).and_then(|before| gaps.get(before));
+        interval[0] -= before.unwrap_or(first) / 2.0;
+        interval[1] += gaps.get(index).unwrap_or(last) / 2.0;
+    }
 }
 
 #[cfg(test)]
@@ -200,12 +234,41 @@ mod tests {
 
     #[test]
     fn a_boundary_gives_two_sizes_ordered_by_build() {
-        let slim = [("bust_girth", 1020.0, 15.0), ("waist_girth", 800.0, 12.0)];
-        assert_eq!(advice(&letters(), &slim).sizes[0], "M");
+        let slim = [("bust_girth", 1019.0, 15.0), ("waist_girth", 800.0, 12.0)];
+        assert_eq!(advice(&letters(), &slim).sizes, ["M", "L"]);
         let alone = [("bust_girth", 1021.0, 15.0)];
         assert_eq!(advice(&letters(), &alone).sizes, ["L", "M"]);
-        let stout = [("bust_girth", 1020.0, 15.0), ("waist_girth", 1010.0, 12.0)];
-        assert_eq!(advice(&letters(), &stout).sizes[0], "L");
+        let stout = [("bust_girth", 1019.0, 15.0), ("waist_girth", 950.0, 12.0)];
+        let found = advice(&letters(), &stout);
+        assert_eq!(found.sizes, ["L"]);
+        assert_eq!(found.decided_by.as_deref(), Some("waist_girth"));
+    }
+
+    #[test]
+    fn charts_in_whole_centimeters_have_no_gaps() {
+        let sizes = "{ name = \"S\", bust_girth = [82, 86] }, { name = \"M\", bust_girth = [87, 91] }, \
+                     { name = \"L\", bust_girth = [92, 96] }";
+        let text =
+            format!("[[chart]]\nname = \"whole\"\nprimary = \"bust_girth\"\nsize = [{sizes}]");
+        let chart = &parse_charts(&text).unwrap()[0];
+        for (bust_mm, size) in [
+            (815.5, "S"),
+            (864.0, "S"),
+            (866.7, "M"),
+            (914.0, "M"),
+            (964.0, "L"),
+        ] {
+            let found = advice(chart, &[("bust_girth", bust_mm, 0.1)]);
+            assert_eq!(found.sizes, [size]);
+            assert_eq!(found.by_measure[0].1.as_deref(), Some(size));
+        }
+        // A larger gap is not due to rounding; who is in it needs the larger size.
+        let wide = text.replace("[92, 96]", "[100, 104]");
+        let chart = &parse_charts(&wide).unwrap()[0];
+        assert_eq!(
+            chart.sizes[1].interval_mm("bust_girth"),
+            Some([870.0, 910.0])
+        );
     }
 
     #[test]

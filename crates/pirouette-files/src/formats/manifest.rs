@@ -1,11 +1,14 @@
 //! The manifest `scan.json`: metadata of a scan.
 
+mod units;
+
 use std::ops::RangeInclusive;
 use std::path::Path;
 
 use serde::Deserialize;
 use thiserror::Error;
 
+use super::json::{JsonError, to_strict};
 use crate::source::stays_inside;
 use pirouette::scan::{CameraSetup, Subject};
 use pirouette_body::{ReferencePose, Sex};
@@ -60,14 +63,32 @@ pub struct ManifestView {
 #[allow(missing_docs, reason = "the messages document the variants")]
 #[non_exhaustive]
 pub enum ManifestError {
+    #[error("{0}; the smallest file is {{ \"subject\": {{ \"stature_mm\": 1748 }} }}")]
+    Json(JsonError),
     #[error("{0}")]
-    Json(serde_json::Error),
+    Key(serde_json::Error),
     #[error("`{key}` is {value}; it must lie between {lowest} and {highest}")]
     OutOfRange {
         key: String,
         value: f64,
         lowest: f64,
         highest: f64,
+    },
+    #[error("`{key}` is {value}, which looks like {unit}: write \"{name}\": {corrected}")]
+    Unit {
+        key: String,
+        value: f64,
+        unit: &'static str,
+        name: &'static str,
+        corrected: f64,
+    },
+    #[error(
+        "all `angle_deg` of `views` are at most 6.3, which looks like {unit}: write degrees, such as \"angle_deg\": {corrected} instead of {value}"
+    )]
+    AngleUnit {
+        unit: &'static str,
+        value: f64,
+        corrected: f64,
     },
     #[error(
         "`{key}` is \"{path}\"; paths are relative to the scan folder and must not point outside (no \"..\")"
@@ -132,9 +153,12 @@ struct CameraFile {
 /// When the bytes are not JSON, contain an unknown key, or a value out of its range; the message names the key and its
 /// position.
 pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
-    let file: File = serde_json::from_slice(json).map_err(ManifestError::Json)?;
+    let json = to_strict(json).map_err(ManifestError::Json)?;
+    let file: File = serde_json::from_slice(&json).map_err(ManifestError::Key)?;
     let camera = file.camera.unwrap_or_default();
     let subject = file.subject.unwrap_or_default();
+    units::check_subject(subject.stature_mm, subject.mass_kg)?;
+    units::check_camera(&camera)?;
     let checked = Manifest {
         pose: match file.pose {
             Some(PoseName::T) => ReferencePose::T,
@@ -180,6 +204,7 @@ fn check_views(views: &[ManifestView]) -> Result<(), ManifestError> {
     if views.is_empty() {
         return Err(ManifestError::NoViews);
     }
+    units::check_angles(views)?;
     let mut names = std::collections::HashMap::new();
     for (index, view) in views.iter().enumerate() {
         within(view.angle_deg, ANGLE_DEG, || {
@@ -293,7 +318,7 @@ mod tests {
 
     #[test]
     fn values_out_of_range_are_reported_with_the_range() {
-        let message = error(r#"{ "subject": { "stature_mm": 1.75 } }"#);
+        let message = error(r#"{ "subject": { "stature_mm": 400 } }"#);
         assert!(message.contains("subject.stature_mm"), "{message}");
         assert!(message.contains("500") && message.contains("2700"));
         for (key, value) in [
@@ -310,6 +335,17 @@ mod tests {
             let json = format!("{{ \"camera\": {{ \"height_mm\": {poison} }} }}");
             assert!(error(&json).contains("line 1"), "{poison}");
         }
+    }
+
+    #[test]
+    fn text_that_is_not_json_is_reported_with_a_right_line() {
+        let message = error("{ \"subject\": { \"stature_mm\" 1748 } }");
+        for part in ["line 1, column 29", "`1748 } }`", "\"stature_mm\": 1748 }"] {
+            assert!(message.contains(part), "{message}");
+        }
+        assert!(error("").contains("empty"));
+        // The first key is read although the file was fixed.
+        assert!(error("'{ \"statur_mm\": 3, }'").contains("`statur_mm`"));
     }
 
     #[test]

@@ -2,8 +2,10 @@
 
 pub mod charts;
 pub mod export;
+pub mod json;
 pub mod keypoints;
 pub mod manifest;
+pub mod mask;
 pub mod mesh;
 pub mod photo;
 pub mod points;

@@ -124,6 +124,14 @@ pub fn decode_mask(bytes: &[u8]) -> Result<Mask, PhotoError> {
     Ok(Mask::from_vec(width, height, inside))
 }
 
+/// Decodes an image of any kind and applies its orientation
+///
+/// # Errors
+/// When the bytes are not a complete JPEG, PNG or WebP file of an accepted size.
+pub(super) fn decode_image(bytes: &[u8]) -> Result<DynamicImage, PhotoError> {
+    decode(open(bytes)?)
+}
+
 /// Checks that a photo has contrast
 ///
 /// # Errors

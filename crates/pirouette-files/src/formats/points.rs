@@ -23,7 +23,7 @@ const SHOWN: usize = 40;
 
 /// Parses rows of `x,y`; a first line without numbers is a header, empty lines are skipped
 ///
-/// Semicolons, tabs and spaces are accepted as separators, too.
+/// Semicolons, tabs and spaces are accepted as separators, too. Commas in rows with a semicolon are decimal commas.
 ///
 /// # Errors
 /// When a line does not contain two finite numbers, or there are no points; the error names the line, from 1.
@@ -34,13 +34,21 @@ pub fn parse_points(bytes: &[u8]) -> Result<Vec<DVec2>, PointsError> {
     let text = text.trim_start_matches('\u{feff}');
     let mut points = Vec::new();
     let mut header_allowed = true;
+    // Old programs of the Mac end lines with CR.
+    let text = text.replace("\r\n", "\n").replace('\r', "\n");
     for (index, row) in text.lines().enumerate() {
         let row = row.trim();
         if row.is_empty() {
             continue;
         }
         let line = index + 1;
-        let fields: Vec<&str> = row
+        let decimal_commas = row.contains(';') && row.contains(',');
+        let plain = if decimal_commas {
+            row.replace(',', ".")
+        } else {
+            row.to_owned()
+        };
+        let fields: Vec<&str> = plain
             .split(|c: char| matches!(c, ',' | ';') || c.is_whitespace())
             .filter(|field| !field.is_empty())
             .collect();
@@ -83,6 +91,14 @@ mod tests {
         let points = parse_points("\u{feff}x,y\n1,2\n\n 3.5; -4e1 \r\n5\t6".as_bytes()).unwrap();
         let expected = [(1.0, 2.0), (3.5, -40.0), (5.0, 6.0)].map(|(x, y)| DVec2::new(x, y));
         assert_eq!(points, expected);
+    }
+
+    #[test]
+    fn decimal_commas_need_semicolons() {
+        let points = parse_points(b"x;y\r1,5;2\r3;-4,25").unwrap();
+        assert_eq!(points, [DVec2::new(1.5, 2.0), DVec2::new(3.0, -4.25)]);
+        assert!(parse_points(b"1,5,2,5").is_err());
+        assert!(parse_points(b"1,5 2,5").is_err());
     }
 
     #[test]

@@ -3,13 +3,14 @@
 //! An unusable view does not affect the others: it is returned with the reason. Only defects that concern the complete
 //! folder (an unreadable manifest, a path that points outside the folder) are errors.
 
+mod find;
 mod keypoint_files;
 mod problem;
 mod view;
 mod write;
 
-use std::cmp::Ordering;
 use std::fmt;
+#[cfg(feature = "folders")]
 use std::path::Path;
 
 use pirouette_geom::parallel::prelude::*;
@@ -18,6 +19,8 @@ use crate::formats::manifest;
 use crate::formats::manifest::{Manifest, ManifestView};
 use crate::formats::photo::decode_photo;
 use crate::source::Source;
+pub(crate) use find::PHOTO_EXTENSIONS;
+use find::{Listing, PhotoFolder};
 use keypoint_files::{AssignedFiles, check_common_links, paths_in_scan};
 use pirouette::scan::{CameraSetup, KeypointSource, Photo, Scan, StatureFrom, View};
 use pirouette_body::TurnAngle;
@@ -70,15 +73,6 @@ const MAX_JSON_BYTES: u64 = 64 << 20;
 
 /// Maximum relative spread of the fields of view of one camera; a larger spread is a different zoom
 const MAX_FOV_SPREAD: f64 = 0.03;
-
-/// File extensions of photos in a folder without a manifest, in lower case
-pub(crate) const PHOTO_EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
-
-/// Suffixes of the stems of images that are not photos: masks and images rendered by OpenPose
-const NO_PHOTO_SUFFIXES: [&str; 2] = ["_mask", "_rendered"];
-
-/// Stem of an image that is not a photo: the contact sheet, if results were written into the scan folder
-const NO_PHOTO_STEM: &str = "contact";
 
 /// Content of a scan folder
 #[derive(Debug)]
@@ -166,17 +160,24 @@ pub fn open_source(path: &Path) -> Result<Source, ScanError> {
 /// Loads a scan
 ///
 /// Without a manifest, or without `views` in it, the photos are sorted by name, where runs of digits compare as numbers
-/// (`2.jpg` before `10.jpg`).
+/// (`2.jpg` before `10.jpg`). If only one subfolder contains photos, they are taken from there.
 ///
 /// # Errors
 /// When names or the manifest cannot be read, a path points outside the source, or there are no photos.
 pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, ScanError> {
-    let manifest = read_manifest(&source)?;
     let mut warnings = Vec::new();
-    let entries = match manifest.views {
-        Some(views) => views,
-        None => find_photos(&source, &mut warnings)?,
+    let listing = Listing::of(&source)?;
+    let (manifest, folder) = read_manifest(&source, &listing)?;
+    let mut entries = match manifest.views {
+        Some(mut views) => {
+            views
+                .iter_mut()
+                .for_each(|view| find::put_into(view, &folder));
+            views
+        }
+        None => listing.find_photos(&source, &mut warnings)?,
     };
+    listing.find_keypoint_files(&source, &mut entries, &mut warnings);
     check_links(&source, &entries)?;
 
     let missing_count = entries.iter().filter(|e| e.angle_deg.is_none()).count();
@@ -210,6 +211,13 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                     warnings.push(ScanWarning::SeveralPeople {
                         view: name.clone(),
                         people_count: loaded.people_count,
+                    });
+                }
+                for fix in loaded.mask_fixes {
+                    warnings.push(ScanWarning::MaskFixed {
+                        view: name.clone(),
+                        file: entry.mask.clone().unwrap_or_default(),
+                        fix,
                     });
                 }
                 missing_files.extend(loaded.missing_keypoint_file);
@@ -300,93 +308,29 @@ fn check_links(source: &Source, entries: &[ManifestView]) -> Result<(), ScanErro
     check_common_links(source)
 }
 
-fn read_manifest(source: &Source) -> Result<Manifest, ScanError> {
-    let path = source.path_of(manifest::FILE_NAME);
-    if !source.contains(manifest::FILE_NAME) {
-        return Ok(Manifest::default());
+/// Reads the manifest; returns it with the folder that its paths are relative to
+///
+/// If the photos are in a subfolder, the manifest may be there.
+fn read_manifest(source: &Source, listing: &Listing) -> Result<(Manifest, String), ScanError> {
+    let mut folder = String::new();
+    if !source.contains(manifest::FILE_NAME)
+        && let PhotoFolder::Below(below) = listing.photo_folder()
+    {
+        folder = format!("{below}/");
     }
-    check_link(source, manifest::FILE_NAME)?;
-    match source.read(manifest::FILE_NAME, MAX_JSON_BYTES) {
-        Ok(json) => {
-            manifest::parse_manifest(&json).map_err(|source| ScanError::Manifest { path, source })
-        }
+    let name = format!("{folder}{}", manifest::FILE_NAME);
+    let path = source.path_of(&name);
+    if !source.contains(&name) {
+        return Ok((Manifest::default(), folder));
+    }
+    check_link(source, &name)?;
+    match source.read(&name, MAX_JSON_BYTES) {
+        Ok(json) => match manifest::parse_manifest(&json) {
+            Ok(manifest) => Ok((manifest, folder)),
+            Err(source) => Err(ScanError::Manifest { path, source }),
+        },
         Err(source) => Err(ScanError::Read { path, source }),
     }
-}
-
-/// Finds the photos of a scan without a manifest
-fn find_photos(
-    source: &Source,
-    warnings: &mut Vec<ScanWarning>,
-) -> Result<Vec<ManifestView>, ScanError> {
-    let mut files = source.top_names().map_err(|error| ScanError::Read {
-        path: source.path(),
-        source: error,
-    })?;
-    files.retain(|name| {
-        let ending = Path::new(name).extension();
-        let ending = ending.map(|e| e.to_string_lossy().to_lowercase());
-        let photo = ending.is_some_and(|e| PHOTO_EXTENSIONS.contains(&e.as_str()));
-        photo && !name.starts_with('.')
-    });
-    files.sort_by(|a, b| natural_order(a, b));
-    let (ignored, photos): (Vec<_>, Vec<_>) = files.into_iter().partition(|name| {
-        let stem = manifest::stem(name);
-        stem == NO_PHOTO_STEM || NO_PHOTO_SUFFIXES.iter().any(|end| stem.ends_with(end))
-    });
-    for file in ignored {
-        warnings.push(ScanWarning::ImageIgnored { file });
-    }
-    if photos.is_empty() {
-        return Err(ScanError::NoPhotos {
-            folder: source.path(),
-        });
-    }
-    for pair in photos.windows(2) {
-        if manifest::stem(&pair[0]) == manifest::stem(&pair[1]) {
-            return Err(ScanError::SameName {
-                first: pair[0].clone(),
-                second: pair[1].clone(),
-            });
-        }
-    }
-    let view = |image| ManifestView {
-        image,
-        keypoints: None,
-        angle_deg: None,
-        mask: None,
-    };
-    Ok(photos.into_iter().map(view).collect())
-}
-
-/// Compares names with runs of digits as numbers; `2.jpg` comes before `10.jpg`
-///
-/// Stems are compared first, so that files with the same stem are adjacent.
-fn natural_order(a: &str, b: &str) -> Ordering {
-    let key = |name: &str| (pieces(&manifest::stem(name)), name.to_owned());
-    key(a).cmp(&key(b))
-}
-
-/// Splits a name into runs of digits and other characters; a number is compared by its length without leading zeros,
-/// then by its digits
-fn pieces(name: &str) -> Vec<(bool, usize, String)> {
-    let mut pieces: Vec<(bool, usize, String)> = Vec::new();
-    for c in name.chars() {
-        let other = !c.is_ascii_digit();
-        match pieces.last_mut() {
-            Some((last_other, _, text)) if *last_other == other => text.push(c),
-            _ => pieces.push((other, 0, c.to_string())),
-        }
-    }
-    for (other, length, text) in &mut pieces {
-        if !*other {
-            let digits = text.trim_start_matches('0');
-            *length = digits.len();
-            *text = digits.to_owned();
-        }
-    }
-    // `1` and `01` differ only in zeros; the complete name then decides.
-    pieces
 }
 
 /// Rejects the views whose photos differ in shape from most; of equally frequent shapes, the first is kept

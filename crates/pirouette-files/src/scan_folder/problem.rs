@@ -8,6 +8,7 @@ use thiserror::Error;
 
 use crate::formats::keypoints::KeypointsError;
 use crate::formats::manifest::ManifestError;
+use crate::formats::mask::{MaskError, MaskFix};
 use crate::formats::photo::PhotoError;
 use crate::source::SourceError;
 
@@ -36,6 +37,22 @@ pub enum ScanError {
         "no photos in {}; they end in .jpg, .jpeg, .png or .webp", folder.display()
     )]
     NoPhotos { folder: PathBuf },
+    #[error(
+        "{} contains {count} photos that cannot be read ({first}), and no others; export them as JPEG (iPhone: Settings > Camera > Formats > Most Compatible)", folder.display()
+    )]
+    NoReadablePhotos {
+        folder: PathBuf,
+        count: usize,
+        first: String,
+    },
+    #[error(
+        "the photos are not in {} itself, but in its folders {first} and {second}; use the path of one of them", folder.display()
+    )]
+    SeveralFolders {
+        folder: PathBuf,
+        first: String,
+        second: String,
+    },
     #[error("{first} and {second} have the same name; rename one of them")]
     SameName { first: String, second: String },
 }
@@ -68,7 +85,7 @@ pub enum ViewError {
         source: KeypointsError,
     },
     #[error(
-        "no keypoints: there is no {file} next to the photo or in keypoints/, and no pose detector is installed: run 'pirouette models install'"
+        "no keypoints: there is no {file} next to the photo or in keypoints/, and no pose detector is installed: run 'pirouette models install', or name the file by \"keypoints\" of the view in scan.json"
     )]
     NoKeypointFile { file: String },
     #[error("no keypoints: there is none of {files} in {}", folder.display())]
@@ -86,7 +103,7 @@ pub enum ViewError {
     )]
     NotDetected { file: String },
     #[error(
-        "{file} has {mask_width} x {mask_height} px, but the photo {photo_width} x {photo_height} px"
+        "{file} has {mask_width} x {mask_height} px, but the photo {photo_width} x {photo_height} px; they must have the same shape"
     )]
     MaskSize {
         file: String,
@@ -95,6 +112,8 @@ pub enum ViewError {
         photo_width: usize,
         photo_height: usize,
     },
+    #[error("{file}: {source}")]
+    Mask { file: String, source: MaskError },
     #[error("{file} is empty: it has no foreground pixels")]
     EmptyMask { file: String },
     #[error(
@@ -130,7 +149,7 @@ pub enum ScanWarning {
     )]
     FieldsOfViewDiffer { smallest_deg: f64, largest_deg: f64 },
     #[error(
-        "{file} was ignored, since its name is not that of a photo; list it in scan.json to use it"
+        "{file} was ignored, since its name is not that of a photo; list it in \"views\" of scan.json to use it (\"image\", or \"mask\" for a silhouette)"
     )]
     ImageIgnored { file: String },
     #[error(
@@ -145,13 +164,39 @@ pub enum ScanWarning {
     },
     #[error("{0}")]
     Check(CheckWarning),
+    #[error("{file}: {fix}")]
+    MaskFixed {
+        view: String,
+        file: String,
+        fix: MaskFix,
+    },
+    #[error("the photos are in the folder {folder}; used these")]
+    PhotosInFolder { folder: String },
+    #[error(
+        "{count} keypoint files were found by the names of their photos ({first}); usual names are such as 000_keypoints.json"
+    )]
+    KeypointFilesFound { count: usize, first: String },
+    #[error(
+        "{first} and {second} have the name of this photo; used neither: name one by \"keypoints\" of the view in scan.json"
+    )]
+    KeypointFileUnclear {
+        view: String,
+        first: String,
+        second: String,
+    },
+    #[error(
+        "{count} JSON files have the name of no photo ({first}); if they are keypoint files, name them by \"keypoints\" of each view in scan.json"
+    )]
+    JsonFilesUnused { count: usize, first: String },
 }
 
 impl ScanWarning {
     /// Returns the name of the affected view, if it concerns one
     pub fn view(&self) -> Option<&str> {
         match self {
-            ScanWarning::SeveralPeople { view, .. } => Some(view),
+            ScanWarning::SeveralPeople { view, .. }
+            | ScanWarning::MaskFixed { view, .. }
+            | ScanWarning::KeypointFileUnclear { view, .. } => Some(view),
             _ => None,
         }
     }
@@ -166,6 +211,11 @@ impl ScanWarning {
             ScanWarning::ImageIgnored { .. } => "image_ignored",
             ScanWarning::Cropped { .. } => "cropped",
             ScanWarning::Check(warning) => warning.code(),
+            ScanWarning::MaskFixed { .. } => "mask_fixed",
+            ScanWarning::PhotosInFolder { .. } => "photos_in_folder",
+            ScanWarning::KeypointFilesFound { .. } => "keypoint_files_found",
+            ScanWarning::KeypointFileUnclear { .. } => "keypoint_file_unclear",
+            ScanWarning::JsonFilesUnused { .. } => "json_files_unused",
         }
     }
 }

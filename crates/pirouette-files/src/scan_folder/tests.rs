@@ -1,5 +1,6 @@
 use pirouette_geom::Mask;
 
+use super::find::natural_order;
 use super::*;
 use std::fs;
 
@@ -352,6 +353,126 @@ fn links_may_not_point_outside() {
     fs::remove_file(folder.0.path().join("real_keypoints.json")).unwrap();
     link("real_keypoints.json", &outside.0.path().join("secret.json"));
     assert!(matches!(folder.load(), Err(ScanError::LinkLeaves { .. })));
+}
+
+#[test]
+fn photos_in_one_folder_are_found_with_their_manifest() {
+    let folder = TestFolder::new();
+    for name in ["0", "1"] {
+        folder.photo(&format!("photos/{name}.png"), 40, 50);
+        folder.keypoints(&format!("photos/{name}_keypoints.json"));
+    }
+    // Neither metadata of other systems nor results are photos.
+    folder
+        .write("photos/._0.png", "mac")
+        .write("photos/Thumbs.db", "");
+    folder
+        .write("__MACOSX/0.png", "mac")
+        .photo("views/mask.png", 40, 50);
+    let loaded = folder.load().unwrap();
+    assert_eq!(loaded.scan.views.len(), 2);
+    assert_eq!(loaded.photo_file(1), "photos/1.png");
+    assert_eq!(loaded.warnings[0].code(), "photos_in_folder");
+    folder.write(
+        "photos/scan.json",
+        r#"{ "subject": { "stature_mm": 1700 }, "views": [ { "image": "1.png" } ] }"#,
+    );
+    let loaded = folder.load().unwrap();
+    assert_eq!(loaded.scan.stature_mm, Some(1700.0));
+    assert_eq!(loaded.photo_file(0), "photos/1.png");
+    assert!(loaded.failed.is_empty());
+    fs::remove_file(folder.0.path().join("photos/scan.json")).unwrap();
+    folder.photo("more/2.png", 40, 50);
+    let message = folder.load().unwrap_err().to_string();
+    assert!(
+        message.contains("more") && message.contains("photos"),
+        "{message}"
+    );
+}
+
+#[test]
+fn photos_that_cannot_be_read_keep_their_turn_angles() {
+    let folder = TestFolder::new();
+    folder.write("0.heic", "\0\0\0\u{18}ftypheic");
+    let message = folder.load().unwrap_err().to_string();
+    assert!(
+        message.contains("0.heic") && message.contains("JPEG"),
+        "{message}"
+    );
+    for name in ["1", "2", "3"] {
+        folder.photo(&format!("{name}.png"), 40, 50);
+        folder.keypoints(&format!("{name}_keypoints.json"));
+    }
+    folder.write("3.HEIC", "the same photo");
+    let loaded = folder.load().unwrap();
+    assert_eq!(loaded.failed.len(), 1);
+    assert!(loaded.failed[0].reason.to_string().contains("HEIC"));
+    assert!((loaded.scan.views[0].turn.degrees() - 90.0).abs() < 1e-9);
+}
+
+#[test]
+fn pictures_of_results_are_not_photos() {
+    let folder = TestFolder::new();
+    folder.photo("0.png", 40, 50).keypoints("0_keypoints.json");
+    let results = ["contact.jpg", "mask.png", "normalized.png", "overlay.jpg"];
+    for name in results.iter().chain(&["residuals.jpg", "tapes.jpg"]) {
+        folder.photo(name, 40, 50);
+    }
+    folder
+        .write("result.json", "{}")
+        .write("measurements.json", "{}");
+    let loaded = folder.load().unwrap();
+    assert_eq!(loaded.scan.views.len(), 1);
+    assert_eq!(loaded.warnings.len(), 6);
+}
+
+#[test]
+fn keypoint_files_are_found_by_the_name_of_the_photo() {
+    let folder = TestFolder::new();
+    for name in ["IMG_1", "IMG_2", "IMG_3"] {
+        folder.photo(&format!("{name}.png"), 40, 50);
+    }
+    folder
+        .keypoints("img_1.json")
+        .keypoints("openpose/IMG_2.png_keypoints.json")
+        .keypoints("IMG_3_pose.json");
+    let loaded = folder.load().unwrap();
+    assert_eq!(loaded.scan.views.len(), 3, "{:?}", loaded.failed);
+    let first = "IMG_3_pose.json";
+    let codes: Vec<&str> = loaded.warnings.iter().map(ScanWarning::code).collect();
+    assert_eq!(codes, ["keypoint_files_found"]);
+    fs::remove_file(folder.0.path().join(first)).unwrap();
+    folder.keypoints("pose_of_3.json");
+    let loaded = folder.load().unwrap();
+    assert_eq!(loaded.failed.len(), 1);
+    let message = loaded.warnings[1].to_string();
+    assert!(
+        message.contains("pose_of_3.json") && message.contains("\"keypoints\""),
+        "{message}"
+    );
+    folder.keypoints("a/IMG_3.json").keypoints("b/IMG_3.json");
+    let loaded = folder.load().unwrap();
+    assert_eq!(loaded.warnings[0].code(), "keypoint_file_unclear");
+    assert_eq!(loaded.warnings[0].view(), Some("IMG_3"));
+}
+
+#[test]
+fn keypoint_files_of_other_encodings_are_read() {
+    let folder = TestFolder::new();
+    let text = keypoint_file(&[0.5]);
+    let wide: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    folder
+        .photo("0.png", 40, 50)
+        .photo("1.png", 40, 50)
+        .write("0_keypoints.json", [&b"\xff\xfe"[..], &wide].concat())
+        .write("1_keypoints.json", text.replace("]}", ",]}"));
+    assert_eq!(folder.load().unwrap().scan.views.len(), 2);
+    folder.write("1_keypoints.json", text.replace("10,0", "10 0"));
+    let reason = folder.load().unwrap().failed[0].reason.to_string();
+    assert!(
+        reason.contains("line 1, column 37") && reason.contains("confidence, ..."),
+        "{reason}"
+    );
 }
 
 #[test]

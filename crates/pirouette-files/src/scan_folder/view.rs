@@ -9,6 +9,7 @@ use super::keypoint_files::{AssignedFiles, paths_in_scan};
 use super::{LoadOptions, ViewError};
 use crate::formats::keypoints::Detection;
 use crate::formats::manifest::ManifestView;
+use crate::formats::mask::{GivenMask, MaskError, MaskFix, read_mask};
 use crate::formats::photo;
 use crate::source::{MAX_ENTRY_BYTES, Source};
 use pirouette::scan::{KeypointKind, Photo, View};
@@ -28,6 +29,8 @@ pub(super) struct LoadedView {
     /// A keypoint file that the manifest names, but does not exist
     pub(super) missing_keypoint_file: Option<String>,
     pub(super) mask: Option<Mask>,
+    /// Differences of the mask file from the expected form
+    pub(super) mask_fixes: Vec<MaskFix>,
     pub(super) vertical_fov_radians: Option<f64>,
     /// Sides of the photo as taken, by EXIF, if it was cropped
     pub(super) cropped_from_px: Option<(usize, usize)>,
@@ -50,9 +53,6 @@ pub(super) fn load_view(
     let decoded = photo::decode_photo(&bytes).map_err(in_photo)?;
     drop(bytes);
     let (width, height) = (decoded.photo.width(), decoded.photo.height());
-    let mask = entry.mask.as_ref();
-    let mask = mask.map(|file| load_mask(source, file, width, height));
-    let mask = mask.transpose()?;
     let found = match options.ignore_keypoint_files {
         true => Ok(None),
         false => keypoint_files.read(view, entry, width, height),
@@ -61,6 +61,14 @@ pub(super) fn load_view(
         Ok(found) => (found, None),
         Err(ViewError::Missing { file }) if options.without_keypoints => (None, Some(file)),
         Err(error) => return Err(error),
+    };
+    let given = entry.mask.as_ref().map(|file| {
+        let keypoints = found.map_or_else(Keypoints::default, |found| found.keypoints);
+        load_mask(source, file, (width, height), &keypoints)
+    });
+    let (mask, mask_fixes) = match given.transpose()? {
+        Some(given) => (Some(given.mask), given.fixes),
+        None => (None, Vec::new()),
     };
     if found.is_none() && mask.is_none() && !options.without_keypoints {
         let paths = paths_in_scan(image);
@@ -96,6 +104,7 @@ pub(super) fn load_view(
         has_keypoint_file,
         missing_keypoint_file,
         mask,
+        mask_fixes,
         vertical_fov_radians: decoded.vertical_fov_radians,
         cropped_from_px: decoded.cropped_from_px,
     })
@@ -118,29 +127,23 @@ pub(super) fn read_file<'a>(
 fn load_mask(
     source: &Source,
     file: &str,
-    photo_width: usize,
-    photo_height: usize,
-) -> Result<Mask, ViewError> {
+    photo_size: (usize, usize),
+    keypoints: &Keypoints,
+) -> Result<GivenMask, ViewError> {
     let bytes = read_file(source, file, MAX_PHOTO_BYTES)?;
-    let mask = photo::decode_mask(&bytes).map_err(|source| ViewError::Photo {
-        file: file.to_owned(),
-        source,
-    })?;
-    if (mask.width(), mask.height()) != (photo_width, photo_height) {
-        return Err(ViewError::MaskSize {
-            file: file.to_owned(),
-            mask_width: mask.width(),
-            mask_height: mask.height(),
-            photo_width,
-            photo_height,
-        });
-    }
-    if mask.area() == 0 {
-        return Err(ViewError::EmptyMask {
-            file: file.to_owned(),
-        });
-    }
-    Ok(mask)
+    let file = file.to_owned();
+    read_mask(&bytes, photo_size, keypoints).map_err(|source| match source {
+        MaskError::Photo(source) => ViewError::Photo { file, source },
+        MaskError::Size { width, height } => ViewError::MaskSize {
+            file,
+            mask_width: width,
+            mask_height: height,
+            photo_width: photo_size.0,
+            photo_height: photo_size.1,
+        },
+        MaskError::Empty => ViewError::EmptyMask { file },
+        source => ViewError::Mask { file, source },
+    })
 }
 
 /// Returns the keypoints of a view in px of the photo as given

@@ -49,7 +49,7 @@ pub enum WriteScanError {
 #[cfg(feature = "folders")]
 pub fn write_scan(folder: &Path, scan: &Scan) -> Result<(), WriteScanError> {
     make_folder(folder)?;
-    put_scan(&Sink::Folder(folder.to_owned()), scan)
+    put_scan(&Sink::folder(folder.to_owned()), scan)
 }
 
 /// Encodes the files that [`write_scan`] writes, in memory: bytes by name

@@ -29,16 +29,15 @@ impl Folder {
         name.to_string_lossy().into_owned()
     }
 
-    pub(super) fn top_names(&self) -> io::Result<Vec<String>> {
-        let mut names = Vec::new();
-        for entry in fs::read_dir(&self.path)? {
-            // Results cannot contain names that are not Unicode either.
-            let Ok(name) = entry?.file_name().into_string() else {
+    /// Lists the files at the top and in folders; links to folders are not followed
+    pub(super) fn names(&self) -> io::Result<Vec<String>> {
+        let (mut names, folders) = list(&self.path)?;
+        for folder in folders {
+            // A folder without permission contains no photos for this user.
+            let Ok((inner, _)) = list(&self.path.join(&folder)) else {
                 continue;
             };
-            if self.path.join(&name).is_file() {
-                names.push(name);
-            }
+            names.extend(inner.into_iter().map(|name| format!("{folder}/{name}")));
         }
         Ok(names)
     }
@@ -56,4 +55,22 @@ impl Folder {
     pub(super) fn read(&self, name: &str, limit: u64) -> io::Result<Vec<u8>> {
         read_bounded_file(&self.path.join(name), limit)
     }
+}
+
+/// Returns the names of the files and of the folders in a folder
+fn list(path: &Path) -> io::Result<(Vec<String>, Vec<String>)> {
+    let (mut files, mut folders) = (Vec::new(), Vec::new());
+    for entry in fs::read_dir(path)? {
+        let entry = entry?;
+        // Results cannot contain names that are not Unicode either.
+        let Ok(name) = entry.file_name().into_string() else {
+            continue;
+        };
+        if entry.file_type()?.is_dir() {
+            folders.push(name);
+        } else if path.join(&name).is_file() {
+            files.push(name);
+        }
+    }
+    Ok((files, folders))
 }

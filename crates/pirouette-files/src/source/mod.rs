@@ -164,17 +164,17 @@ impl Source {
         self.path().join(name)
     }
 
-    /// Returns the names of the files at the top level of the source, in unspecified order
+    /// Returns the names of the files at the top level of the source and in its folders, in unspecified order
     ///
     /// # Errors
     /// When a folder cannot be listed.
-    pub fn top_names(&self) -> io::Result<Vec<String>> {
-        let top = |name: &&String| !name.contains('/');
+    pub fn names(&self) -> io::Result<Vec<String>> {
+        let shallow = |name: &&String| name.matches('/').count() <= 1;
         Ok(match &self.files {
             #[cfg(feature = "folders")]
-            Files::Folder(folder) => folder.top_names()?,
-            Files::Memory(memory) => memory.files.keys().filter(top).cloned().collect(),
-            Files::Zip(zip) => zip.names().filter(top).cloned().collect(),
+            Files::Folder(folder) => folder.names()?,
+            Files::Memory(memory) => memory.files.keys().filter(shallow).cloned().collect(),
+            Files::Zip(zip) => zip.names().filter(shallow).cloned().collect(),
         })
     }
 

@@ -114,6 +114,36 @@ pub enum ArapError {
         /// Number of target points
         targets: usize,
     },
+    /// The mesh is not parallel to the xy plane
+    #[error("the mesh is not in the xy plane, but {plane}; rotate it, so that z is constant")]
+    NotInPlane {
+        /// Where the mesh is instead
+        plane: &'static str,
+    },
+    /// A source point is far from the mesh
+    #[error(
+        "source point {point} is {distance:.6} from the nearest vertex, but the edges there are at most {longest_edge:.6} long; check its unit and origin"
+    )]
+    FarSource {
+        /// Number of the point, from 1
+        point: usize,
+        /// Distance to the nearest vertex
+        distance: f64,
+        /// Length of the longest edge at this vertex
+        longest_edge: f64,
+    },
+    /// Two source points have the same nearest vertex, but different targets
+    #[error(
+        "source points {first} and {second} have the same nearest vertex {vertex}, but different targets; remove one, or refine the mesh"
+    )]
+    SharedVertex {
+        /// Number of the first point, from 1
+        first: usize,
+        /// Number of the second point
+        second: usize,
+        /// The vertex, from 0
+        vertex: u32,
+    },
     /// The mesh has no vertices to move
     #[error("the mesh has no vertices")]
     EmptyMesh,
@@ -510,11 +540,13 @@ fn connected_parts(spokes: &[Spoke], first_spoke: &[usize]) -> Vec<u32> {
 
 /// Deforms a mesh in the xy plane: the vertices nearest to `sources` move to `targets`
 ///
-/// z is unchanged. Sources that share their nearest vertex move it to the mean of their targets. Distances are
-/// measured in the xy plane, in the unit of the mesh. The weights are [`ArapWeights::Cotangent`].
+/// z is unchanged. Distances are measured in the xy plane, in the unit of the mesh. The weights are
+/// [`ArapWeights::Cotangent`].
 ///
 /// # Errors
-/// When the numbers of points differ, the mesh is empty, or a coordinate is not finite.
+/// When the numbers of points differ, the mesh is empty or in another plane, a coordinate is not finite, a source is
+/// farther from its nearest vertex than the edges there are long, or two sources would move one vertex to different
+/// targets.
 pub fn deform_points(
     mesh: &TriMesh,
     sources: &[DVec2],
@@ -534,23 +566,24 @@ pub fn deform_points(
         positions: mesh.positions.iter().map(|p| p.truncate()).collect(),
         triangles: mesh.triangles.clone(),
     };
-    let mut handles: Vec<(u32, DVec2)> = Vec::with_capacity(sources.len());
-    for (&source, &target) in sources.iter().zip(targets) {
-        let nearest = (0..rest.positions.len())
-            .min_by(|&a, &b| {
-                let distance = |v: usize| rest.positions[v].distance_squared(source);
-                distance(a).total_cmp(&distance(b))
-            })
-            .ok_or(ArapError::EmptyMesh)?;
-        handles.push((nearest as u32, target));
+    check_plane(mesh)?;
+    let handles = nearest_vertices(&rest, sources)?;
+    let mut order: Vec<usize> = (0..handles.len()).collect();
+    order.sort_by_key(|&point| handles[point]);
+    for pair in order.windows(2) {
+        let (first, second) = (pair[0], pair[1]);
+        if handles[first] == handles[second] && targets[first] != targets[second] {
+            return Err(ArapError::SharedVertex {
+                first: first + 1,
+                second: second + 1,
+                vertex: handles[first],
+            });
+        }
     }
-    handles.sort_by_key(|&(v, _)| v);
-    let (constrained, targets): (Vec<u32>, Vec<DVec2>) = handles
-        .chunk_by(|a, b| a.0 == b.0)
-        .map(|same| {
-            let sum: DVec2 = same.iter().map(|h| h.1).sum();
-            (same[0].0, sum / same.len() as f64)
-        })
+    order.dedup_by_key(|point| handles[*point]);
+    let (constrained, targets): (Vec<u32>, Vec<DVec2>) = order
+        .into_iter()
+        .map(|point| (handles[point], targets[point]))
         .unzip();
     let solver = ArapSolver::with_weights(&rest, &constrained, ArapWeights::Cotangent)?;
     let deformation = solver.deform(&targets, options);
@@ -564,6 +597,71 @@ pub fn deform_points(
         positions,
         triangles: mesh.triangles.clone(),
     })
+}
+
+/// Rejects a mesh whose triangles are not parallel to the xy plane
+fn check_plane(mesh: &TriMesh) -> Result<(), ArapError> {
+    /// Minimum share of the area of a mesh with relief that its projection to the xy plane has
+    const MIN_SHARE: f64 = 0.7;
+    let heights = mesh.positions.iter().map(|p| p.z);
+    let flat =
+        heights.clone().fold(f64::NEG_INFINITY, f64::max) <= heights.fold(f64::INFINITY, f64::min);
+    if flat {
+        return Ok(());
+    }
+    let (mut normal, mut area) = (DVec3::ZERO, 0.0);
+    for triangle in &mesh.triangles {
+        let [a, b, c] = triangle.map(|v| mesh.positions.get(v as usize).copied());
+        let (Some(a), Some(b), Some(c)) = (a, b, c) else {
+            continue;
+        };
+        let cross = (b - a).cross(c - a);
+        normal += cross;
+        area += cross.length();
+    }
+    let share = normal.abs() / area;
+    if area <= 0.0 || share.z >= MIN_SHARE {
+        return Ok(());
+    }
+    let plane = if share.y >= MIN_SHARE {
+        "in the xz plane"
+    } else if share.x >= MIN_SHARE {
+        "in the yz plane"
+    } else {
+        "inclined or curved"
+    };
+    Err(ArapError::NotInPlane { plane })
+}
+
+/// Returns the vertex nearest to each source
+fn nearest_vertices(rest: &PlanarMesh, sources: &[DVec2]) -> Result<Vec<u32>, ArapError> {
+    let mut longest_edges = vec![0.0_f64; rest.positions.len()];
+    for triangle in &rest.triangles {
+        for (from, to) in [(0, 1), (1, 2), (2, 0)] {
+            let (from, to) = (triangle[from] as usize, triangle[to] as usize);
+            let (Some(a), Some(b)) = (rest.positions.get(from), rest.positions.get(to)) else {
+                continue;
+            };
+            let length = a.distance(*b);
+            longest_edges[from] = longest_edges[from].max(length);
+            longest_edges[to] = longest_edges[to].max(length);
+        }
+    }
+    let nearest = |(index, &source): (usize, &DVec2)| {
+        let distances = rest.positions.iter().map(|p| p.distance(source));
+        let nearest = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+        let (vertex, distance) = nearest.ok_or(ArapError::EmptyMesh)?;
+        let longest_edge = longest_edges[vertex];
+        if distance > longest_edge {
+            return Err(ArapError::FarSource {
+                point: index + 1,
+                distance,
+                longest_edge,
+            });
+        }
+        Ok(vertex as u32)
+    };
+    sources.iter().enumerate().map(nearest).collect()
 }
 
 #[cfg(test)]

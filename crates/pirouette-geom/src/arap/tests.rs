@@ -274,7 +274,7 @@ fn points_snap_to_the_nearest_vertex_and_keep_z() {
         triangles: flat.triangles,
     };
     let sources = [DVec2::new(1.0, -1.0), DVec2::new(-1.0, 1.0)];
-    let targets = [DVec2::new(4.0, 8.0), DVec2::new(8.0, 4.0)];
+    let targets = [DVec2::new(6.0, 6.0); 2];
     let deformed = deform_points(&mesh, &sources, &targets, &ArapOptions::default()).unwrap();
     for (p, q) in mesh.positions.iter().zip(&deformed.positions) {
         assert!((*p + DVec3::new(6.0, 6.0, 0.0) - *q).length() < 1e-9);
@@ -286,6 +286,52 @@ fn points_snap_to_the_nearest_vertex_and_keep_z() {
     assert!(matches!(uneven, Err(ArapError::UnequalCounts { .. })));
     let untouched = deform_points(&mesh, &[], &[], &options).unwrap();
     assert_eq!(untouched, mesh);
+    let apart = [targets[0], DVec2::new(9.0, 6.0)];
+    let shared = deform_points(&mesh, &sources, &apart, &options);
+    let expected = ArapError::SharedVertex {
+        first: 1,
+        second: 2,
+        vertex: 0,
+    };
+    assert_eq!(shared.err(), Some(expected));
+}
+
+#[test]
+fn points_far_from_the_mesh_are_rejected() {
+    let flat = board(2, 2, 0.0);
+    let mesh = TriMesh {
+        positions: flat.positions.iter().map(|p| p.extend(3.0)).collect(),
+        triangles: flat.triangles,
+    };
+    let corner = flat.positions[0];
+    let sources = [corner, corner - DVec2::new(500.0, 0.0)];
+    let far = deform_points(&mesh, &sources, &sources, &ArapOptions::default());
+    assert!(
+        matches!(far, Err(ArapError::FarSource { point: 2, distance, .. }) if distance == 500.0),
+        "{far:?}"
+    );
+}
+
+#[test]
+fn meshes_in_other_planes_are_rejected() {
+    let flat = board(2, 2, 0.0);
+    let mesh = |place: fn(DVec2) -> DVec3| TriMesh {
+        positions: flat.positions.iter().map(|&p| place(p)).collect(),
+        triangles: flat.triangles.clone(),
+    };
+    let deform = |mesh: &TriMesh| deform_points(mesh, &[], &[], &ArapOptions::default());
+    assert!(deform(&mesh(|p| p.extend(-7.0))).is_ok());
+    for (placed, name) in [
+        (mesh(|p| DVec3::new(p.x, 0.0, p.y)), "in the xz plane"),
+        (mesh(|p| DVec3::new(0.0, p.x, p.y)), "in the yz plane"),
+        (
+            mesh(|p| DVec3::new(p.x, p.y, 3.0 * p.x + 3.0 * p.y)),
+            "inclined or curved",
+        ),
+    ] {
+        let expected = ArapError::NotInPlane { plane: name };
+        assert_eq!(deform(&placed).err(), Some(expected));
+    }
 }
 
 proptest! {

@@ -25,6 +25,7 @@ use pirouette::scan::KeypointKind;
 use pirouette_body::{Joint, Keypoints};
 use thiserror::Error;
 
+use crate::formats::json::to_strict;
 use layout::Layout;
 use photos::{Key, Photo, key_of_value, match_photos};
 use points::{NotPoints, Person};
@@ -147,6 +148,8 @@ impl KeypointFile {
                 vec![Photo::of(yolo::text_people(text)?)]
             }
             Some(_) => {
+                let strict = to_strict(bytes);
+                let bytes = strict.as_deref().unwrap_or(bytes);
                 let node = Node::parse(bytes).map_err(|error| syntax_error(bytes, error))?;
                 read_photos(&node, None)?
             }

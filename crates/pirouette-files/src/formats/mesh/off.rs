@@ -5,7 +5,7 @@ use std::fmt::Write;
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 
-use super::text::{Lines, parse, push_point, unexpected};
+use super::text::{Lines, push_point, unexpected};
 use super::{ReadMeshError, push_fan, vertex_index};
 
 /// Returns the bytes of an OFF file
@@ -21,27 +21,35 @@ pub fn write_off(mesh: &TriMesh) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Reads an OFF file, also with colors or normals after the coordinates (COFF, NOFF) or without the keyword
+/// Reads an OFF file, also with colors or normals after the coordinates (COFF, NOFF), without the keyword, or with the
+/// counts directly behind it
 ///
 /// # Errors
 /// When the bytes are not an OFF file in text form; the error names the line.
 pub fn read_off(bytes: &[u8]) -> Result<TriMesh, ReadMeshError> {
     const KEYWORD: &str = "the keyword OFF or the counts";
     let mut lines = Lines::new(bytes);
-    let first = lines.clone().expect(KEYWORD)?.expect(KEYWORD)?;
-    let mut counts = if parse::<u64>(first).is_some() {
-        lines.expect(KEYWORD)?
-    } else if matches!(first, b"OFF" | b"COFF" | b"NOFF" | b"CNOFF" | b"STOFF") {
-        let mut line = lines.expect(KEYWORD)?;
-        line.expect(KEYWORD)?;
-        if line.more() {
-            line
-        } else {
-            lines.expect("the counts")?
+    let mut first = lines.expect(KEYWORD)?;
+    let word = first.clone().expect(KEYWORD)?;
+    let mut counts = match word.iter().position(u8::is_ascii_digit) {
+        Some(0) => first,
+        digit => {
+            let (keyword, digits) = word.split_at(digit.unwrap_or(word.len()));
+            let known = ["OFF", "COFF", "NOFF", "CNOFF", "STOFF"];
+            if !known
+                .iter()
+                .any(|known| keyword.eq_ignore_ascii_case(known.as_bytes()))
+            {
+                return Err(unexpected(first.place, KEYWORD, word));
+            }
+            first.skip(keyword.len());
+            match digits {
+                // `OFF8 6 0`: files of ModelNet lack the end of the line.
+                [_, ..] => first,
+                [] if first.more() => first,
+                [] => lines.expect("the counts")?,
+            }
         }
-    } else {
-        let place = lines.expect(KEYWORD)?.place;
-        return Err(unexpected(place, KEYWORD, first));
     };
     let (vertex_count, face_count) = (counts.count()?, counts.count()?);
     let vertex_count = u32::try_from(vertex_count)
@@ -92,6 +100,9 @@ mod tests {
         for dialect in [
             "OFF 3 1 0\r\n0 0 0\r\n1 0 0\r\n0 1 0\r\n3 0 1 2\r\n",
             "3 1\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2",
+            "OFF3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+            "\u{feff}off\r3 1 0\r0 0 0\r1 0 0\r0 1 0\r3 0 1 2\r",
+            "noff\n3 1 0\n0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1\n3 0 1 2\n",
             "# corner\nCOFF\n\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 1 1 1 1\n0 1 0 0 0 0 0\n3 0 1 2 9 9 9\n",
         ] {
             assert_eq!(read_off(dialect.as_bytes()), plain, "{dialect}");
@@ -115,6 +126,12 @@ mod tests {
             (
                 "PLY",
                 "line 1: expected the keyword OFF or the counts, found \"PLY\"",
+            ),
+            ("2OFF\n3 1 0\n", "line 1: expected a count, found \"2OFF\""),
+            ("OFF BINARY\n", "line 1: expected a count, found \"BINARY\""),
+            (
+                "OFF\r\n1 1 0\r1 2 3\n3 0 0 1",
+                "line 4: there is no vertex 1 among 1",
             ),
             ("OFF\n-1 0 0", "line 2: expected a count, found \"-1\""),
             (

@@ -13,7 +13,7 @@ pub(super) struct Lines<'a> {
 }
 
 /// One line, split into words
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Words<'a> {
     rest: &'a [u8],
     pub(super) place: Place,
@@ -22,7 +22,8 @@ pub(super) struct Words<'a> {
 impl<'a> Lines<'a> {
     pub(super) fn new(bytes: &'a [u8]) -> Self {
         Self {
-            rest: bytes,
+            // Editors of Windows mark UTF-8.
+            rest: bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes),
             line: 0,
         }
     }
@@ -30,12 +31,11 @@ impl<'a> Lines<'a> {
     /// Returns the next line with a word; `None` at the end
     pub(super) fn next(&mut self) -> Option<Words<'a>> {
         while !self.rest.is_empty() {
-            let end = self.rest.iter().position(|&b| b == b'\n');
-            let (line, rest) = match end {
-                Some(end) => (&self.rest[..end], &self.rest[end + 1..]),
-                None => (self.rest, &[][..]),
-            };
-            self.rest = rest;
+            // Lines end with LF, CR LF, or only CR.
+            let end = self.rest.iter().position(|b| matches!(b, b'\n' | b'\r'));
+            let (line, rest) = self.rest.split_at(end.unwrap_or(self.rest.len()));
+            let rest = rest.strip_prefix(b"\r").unwrap_or(rest);
+            self.rest = rest.strip_prefix(b"\n").unwrap_or(rest);
             self.line += 1;
             let comment = line.iter().position(|&b| b == b'#').unwrap_or(line.len());
             let line = line[..comment].trim_ascii();
@@ -67,6 +67,12 @@ impl<'a> Words<'a> {
         let (word, rest) = line.split_at(end.unwrap_or(line.len()));
         self.rest = rest;
         (!word.is_empty()).then_some(word)
+    }
+
+    /// Skips a number of bytes at the start of the next word
+    pub(super) fn skip(&mut self, count: usize) {
+        let line = self.rest.trim_ascii_start();
+        self.rest = line.get(count..).unwrap_or_default();
     }
 
     /// Returns whether another word follows
