@@ -561,15 +561,19 @@ fn without_a_scale_lengths_are_in_units_of_the_stature() {
 fn statistics_apply_only_with_given_sex_and_mass_and_are_reported() {
     let avatar = woman(1640.0);
     let plain = measured(&avatar, &[], BodySource::Fitted);
-    let supported = measure(&MeasureInput {
-        stature_mm: Some(1640.0),
-        subject: Subject {
-            sex: Some(Sex::Female),
-            mass_kg: Some(90.0),
-            age_years: None,
-        },
-        ..input_of(&avatar, &[], BodySource::Fitted)
-    });
+    let volume_kg = plain.mass.expect("there is a body").mass_kg;
+    let with_mass = |mass_kg| {
+        measure(&MeasureInput {
+            stature_mm: Some(1640.0),
+            subject: Subject {
+                sex: Some(Sex::Female),
+                mass_kg: Some(mass_kg),
+                age_years: None,
+            },
+            ..input_of(&avatar, &[], BodySource::Fitted)
+        })
+    };
+    let supported = with_mass(1.08 * volume_kg);
     let (before, after) = (
         plain.get(Measure::NeckGirth),
         supported.get(Measure::NeckGirth),
@@ -584,6 +588,11 @@ fn statistics_apply_only_with_given_sex_and_mass_and_are_reported() {
     assert!((low..=high).contains(&after.value_mm.unwrap()));
     assert!(after.sd_mm < before.sd_mm);
     assert_eq!(supported.get(Measure::WaistGirth).prior, None);
+    // A mass that the volume contradicts supports nothing.
+    let contradicted = with_mass(1.3 * volume_kg);
+    let doubted = contradicted.get(Measure::NeckGirth);
+    assert_eq!((doubted.prior, doubted.value_mm), (None, before.value_mm));
+    assert!(doubted.sd_mm > before.sd_mm);
 }
 
 #[test]
