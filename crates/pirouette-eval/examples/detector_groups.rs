@@ -87,25 +87,25 @@ fn photos_of(model: &PoseModel, index: usize) -> Result<Vec<Seen>, Box<dyn Error
     let expected = detected_positions(avatar);
     let px_per_percent = camera.focal_px() / camera.distance_mm * avatar.stature_mm() / 100.0;
     let mass = match person.bmi {
-        ..22.0 => "BMI below 22",
-        22.0..30.0 => "BMI 22 to 30",
-        _ => "BMI above 30",
+        ..22.0 => "body: BMI 17 to 22",
+        22.0..30.0 => "body: BMI 22 to 30",
+        _ => "body: BMI 30 to 38",
     };
     let seen = views.iter().zip(&synthetic.truth.poses).zip(found);
     let seen = seen.map(|((view, pose), found)| {
         let joints = avatar.posed(pose, view.turn).bones.keypoints(&expected);
         let truth = joints.map(|p| camera.project(p));
         let side = match view.turn.degrees().rem_euclid(360.0) {
-            45.0..135.0 | 225.0..315.0 => "seen from the side or obliquely",
-            135.0..225.0 => "seen from behind",
-            _ => "seen from the front",
+            60.0..120.0 | 240.0..300.0 => "view: from the side",
+            120.0..240.0 => "view: from behind, up to 45 degrees",
+            _ => "view: from the front, up to 45 degrees",
         };
         Seen {
             groups: vec![
                 "all".to_owned(),
                 format!("light: {}", lighting.name()),
                 format!("skin: {} of {TONE_COUNT}, from dark to light", tone + 1),
-                person.sex.name().to_owned(),
+                format!("sex: {}", person.sex.name()),
                 mass.to_owned(),
                 side.to_owned(),
             ],
