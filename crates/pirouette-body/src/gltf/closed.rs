@@ -10,10 +10,10 @@ use super::surface::Surface;
 use super::{AllWeights, LoadAvatarError};
 use crate::{Avatar, Bone, PerBone};
 
-/// Cells of the hull along the height
+/// Cells of the hull along its longest side, so that a stray vertex far away does not increase their number
 ///
 /// 9 mm for a person; the fit moves the surface by more than what the chamfered fingers lose.
-const CELLS_PER_HEIGHT: f64 = 200.0;
+const CELLS: f64 = 200.0;
 
 /// Minimum height of the hull as a share of that of all parts; the largest connected piece of a lower one is a leg
 const MIN_HULL_HEIGHT: f64 = 0.9;
@@ -62,7 +62,7 @@ pub(super) fn close(surface: &mut Surface) -> Result<Option<HullUsed>, LoadAvata
     }
     let neighbors = mesh.neighbors();
     let open_edge_count = neighbors.iter().flatten().filter(|n| n.is_none()).count();
-    let resolution_mm = (high.y - low.y) / CELLS_PER_HEIGHT;
+    let resolution_mm = (high - low).max_element() / CELLS;
     let winding = WindingNumbers::new(&mesh);
     let nearest = NearestSurface::new(&mesh);
     let field = |p: DVec3| {
