@@ -53,7 +53,8 @@ pub(super) fn close(surface: &mut Surface) -> Result<Option<HullUsed>, LoadAvata
     surface.compact();
     let mesh = surface.mesh();
     let (low, high) = mesh.bounds().ok_or(LoadAvatarError::Degenerate)?;
-    if !(low.is_finite() && high.is_finite() && high.y > low.y) {
+    let finite = surface.positions.iter().all(|p| p.is_finite());
+    if !(finite && high.y > low.y) {
         return Err(LoadAvatarError::Degenerate);
     }
     let part_count = mesh.components().len();
