@@ -6,7 +6,8 @@ use pirouette::measure::Measure;
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, Refusal, Report, Warning, run};
 use pirouette::scan::{Photo, Scan};
 use pirouette::skeleton_fit::{
-    KeypointView, Skeleton, SkeletonFitOptions, SkeletonFitWarning, SwapGroup, fit_skeleton,
+    CameraParameter, KeypointView, Skeleton, SkeletonFitOptions, SkeletonFitWarning, SwapGroup,
+    fit_skeleton,
 };
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::{Joint, Keypoint, Keypoints, ReferencePose};
@@ -135,8 +136,15 @@ fn an_impossible_camera_height_is_replaced() {
     let true_pitch = skeleton_of(&scan).camera.pitch_radians;
     scan.camera.height_mm = Some(given_mm + 700.0);
     let skeleton = skeleton_of(&scan);
-    let contradicted =
-        |w: &SkeletonFitWarning| matches!(w, SkeletonFitWarning::CameraHeightContradicted { .. });
+    let contradicted = |w: &SkeletonFitWarning| {
+        matches!(
+            w,
+            SkeletonFitWarning::CameraContradicted {
+                parameter: CameraParameter::Height,
+                ..
+            }
+        )
+    };
     assert!(
         skeleton.warnings.iter().any(contradicted),
         "{:?}",

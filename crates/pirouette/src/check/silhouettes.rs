@@ -56,25 +56,56 @@ pub(crate) fn blur_px(photo: &Photo, mask: &Mask) -> Option<f64> {
     if !photo.same_size(mask) || mask.width() <= 2 * REACH {
         return None;
     }
-    let mut blurs = Vec::new();
+    let blurs = upright_edges(mask).into_iter();
+    let mut blurs: Vec<f64> = blurs
+        .filter_map(|(x, y)| blur_of_profile(photo, x, y))
+        .collect();
+    median(&mut blurs)
+}
+
+/// Returns how far a given mask reaches beyond the edges of the photo, in px; negative if it is too narrow, `None` where
+/// too few edges have contrast
+///
+/// The median, over upright edges, of the position of the steepest difference.
+pub(crate) fn excess_px(photo: &Photo, mask: &Mask) -> Option<f64> {
+    if !photo.same_size(mask) || mask.width() <= 2 * REACH {
+        return None;
+    }
+    let edges = upright_edges(mask).into_iter();
+    let excess = |(x, y): (usize, usize)| {
+        let steepest = steepest_of_profile(photo, x, y)?;
+        let beyond = x as f64 - steepest;
+        // The person is to the right of a left edge.
+        Some(if mask[(x, y)] { -beyond } else { beyond })
+    };
+    median(&mut edges.filter_map(excess).collect())
+}
+
+/// Returns the pixels right of upright edges of a mask that have no other edge within reach in their row
+fn upright_edges(mask: &Mask) -> Vec<(usize, usize)> {
+    let mut edges = Vec::new();
     for y in (1..mask.height().saturating_sub(1)).step_by(3) {
         let row = mask.row(y);
-        for x in REACH..mask.width() - REACH {
+        for x in REACH..mask.width().saturating_sub(REACH) {
             let clean = |inside: bool| {
                 let sides = (&row[x - REACH..x], &row[x..x + REACH]);
                 sides.0.iter().all(|&v| v != inside) && sides.1.iter().all(|&v| v == inside)
             };
             let upright = |y: usize| (-2..=2).any(|d| edge_at(mask.row(y), x, d));
             if (clean(true) || clean(false)) && upright(y - 1) && upright(y + 1) {
-                blurs.extend(blur_of_profile(photo, x, y));
+                edges.push((x, y));
             }
         }
     }
-    if blurs.len() < MIN_PROFILES {
+    edges
+}
+
+fn median(values: &mut Vec<f64>) -> Option<f64> {
+    if values.len() < MIN_PROFILES {
         return None;
     }
-    blurs.sort_by(f64::total_cmp);
-    Some(blurs[blurs.len() / 2])
+    values.sort_by(f64::total_cmp);
+    Some(values[values.len() / 2])
 }
 
 /// Returns whether a row has an edge near a column
@@ -84,15 +115,39 @@ fn edge_at(row: &[bool], x: usize, offset: isize) -> bool {
     right > 0 && inside(right) != inside(right - 1)
 }
 
-/// Returns the blur of the edge between two pixels of a row
-fn blur_of_profile(photo: &Photo, x: usize, y: usize) -> Option<f64> {
+/// Gray levels of a row around an edge, and the differences over two pixels
+struct Profile {
+    contrast: f64,
+    slopes: Vec<f64>,
+}
+
+/// Returns the profile across the edge before a pixel, if it has contrast
+fn profile(photo: &Photo, x: usize, y: usize) -> Option<Profile> {
     let row = photo.row(y);
     let gray = |x: usize| row[x].iter().map(|&v| f64::from(v)).sum::<f64>() / 3.0;
     let (left, right) = (x - REACH, x + REACH - 1);
     let contrast = (gray(right) - gray(left)).abs();
-    let steepest = (left..right - 1)
+    let slopes = (left..right - 1)
         .map(|x| (gray(x + 2) - gray(x)).abs())
-        .fold(0.0, f64::max);
+        .collect();
+    (contrast > MIN_CONTRAST).then_some(Profile { contrast, slopes })
+}
+
+/// Returns the blur of the edge before a pixel
+fn blur_of_profile(photo: &Photo, x: usize, y: usize) -> Option<f64> {
+    let profile = profile(photo, x, y)?;
+    let steepest = profile.slopes.iter().copied().fold(0.0, f64::max);
     // The slope of a Gaussian edge over two pixels is 2 / (sqrt(2 pi) sigma) of its contrast.
-    (contrast > MIN_CONTRAST && steepest > 0.0).then(|| 0.8 * contrast / steepest)
+    (steepest > 0.0).then(|| 0.8 * profile.contrast / steepest)
+}
+
+/// Returns the column of the edge of the photo near the edge before a pixel, where columns are borders of pixels
+fn steepest_of_profile(photo: &Photo, x: usize, y: usize) -> Option<f64> {
+    let slopes = profile(photo, x, y)?.slopes;
+    let (at, _) = slopes
+        .iter()
+        .enumerate()
+        .max_by(|a, b| a.1.total_cmp(b.1))?;
+    // The difference of pixels k and k + 2 is centered on pixel k + 1.
+    Some((x - REACH + at) as f64 + 1.5)
 }

@@ -90,10 +90,12 @@ pub struct ExtraSd {
 }
 
 impl ExtraSd {
-    /// Returns the standard deviation of a value, in mm; an outline that is off widens a girth by a circle's share
+    /// Returns the standard deviation of a value, in mm
+    ///
+    /// An outline that is off widens a girth by a circle's share; a length has two ends.
     fn of(&self, measure: Measure, value_mm: f64) -> f64 {
         let turns = if measure.girths().is_empty() {
-            1.0
+            2.0
         } else {
             std::f64::consts::TAU
         };

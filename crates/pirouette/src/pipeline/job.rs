@@ -455,6 +455,9 @@ impl<'a> Job<'a> {
         if let Some(blur_mm) = doubts.blur_mm {
             self.warn(Warning::Blurred { blur_mm });
         }
+        if let Some(excess_mm) = doubts.excess_mm {
+            self.warn(Warning::MasksOffEdges { excess_mm });
+        }
         if let Some(px_mm) = doubts.px_mm {
             self.warn(Warning::SmallPerson { px_mm });
         }

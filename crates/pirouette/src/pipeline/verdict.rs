@@ -5,10 +5,11 @@
 
 use thiserror::Error;
 
-use crate::check::{Border, blur_px, cut_off_views};
+use crate::check::{Border, blur_px, cut_off_views, excess_px};
 use crate::measure::ExtraSd;
 use crate::pipeline::Report;
 use crate::scan::Scan;
+use pirouette_body::Joint;
 use pirouette_geom::parallel::prelude::*;
 
 /// Mean overlap (IoU) of the posed body with the silhouettes below which a body is not measured
@@ -27,6 +28,20 @@ const MAX_CUT_OFF: f64 = 0.3;
 ///
 /// Parts of the body nearer to the camera look larger by a factor that depends on its distance.
 const UNKNOWN_FOV_SHARE: f64 = 0.006;
+
+/// Median horizontal distance of the keypoints from the fitted body's joints that is refused, in mm
+///
+/// Healthy scans: below 4 mm.
+const MAX_SHIFT_MM: f64 = 14.0;
+
+/// Distance of given masks from the edges of the photos that is usual, in px
+const USUAL_EXCESS_PX: f64 = 0.8;
+
+/// Pitch that the usual standard deviations include, in degrees, and the share of a value per degree beyond it
+///
+/// A camera that is not level looks like a photo that was cropped or padded at one end, but shows the body differently.
+const USUAL_PITCH_DEGREES: f64 = 4.0;
+const SHARE_PER_PITCH_DEGREE: f64 = 0.004;
 
 /// Blur of photos that the usual standard deviations include, in mm at the person
 const USUAL_BLUR_MM: f64 = 2.5;
@@ -59,6 +74,15 @@ pub enum Refusal {
         /// Whether most silhouettes were given
         given_masks: bool,
     },
+    /// The keypoints lie beside the person
+    #[error(
+        "no measurements: the keypoints lie {shift_px:.0} px beside the silhouettes; \
+         check that they belong to these photos (crop, size)"
+    )]
+    KeypointsShifted {
+        /// Mean shift to the right, in px
+        shift_px: f64,
+    },
     /// The photos do not show the feet
     #[error(
         "no measurements: the feet are outside the photo in {view_count} views; show the person from head to toe"
@@ -82,6 +106,7 @@ impl Refusal {
     pub fn code(&self) -> &'static str {
         match self {
             Refusal::NoMatch { .. } => "no_match",
+            Refusal::KeypointsShifted { .. } => "keypoints_shifted",
             Refusal::FeetCutOff { .. } => "feet_cut_off",
             Refusal::HeadCutOff { .. } => "head_cut_off",
         }
@@ -110,6 +135,12 @@ pub(super) fn judge(scan: &Scan, report: &Report) -> Option<Refusal> {
     if let Some(view_count) = cut_off(Border::Top) {
         return Some(Refusal::HeadCutOff { view_count });
     }
+    let shift_px = keypoint_shift_px(report);
+    if let (Some(shift_px), Some(px_mm)) = (shift_px, px_mm(report))
+        && shift_px.abs() * px_mm > MAX_SHIFT_MM
+    {
+        return Some(Refusal::KeypointsShifted { shift_px });
+    }
     let overlap = report.mean_fit_iou()?;
     let given = report
         .views
@@ -120,6 +151,29 @@ pub(super) fn judge(scan: &Scan, report: &Report) -> Option<Refusal> {
         overlap,
         given_masks,
     })
+}
+
+/// Returns the mean horizontal shift of the keypoints from the joints of the fitted body, in px
+///
+/// Offsets of a detector from the joints cancel over left and right, front and back.
+fn keypoint_shift_px(report: &Report) -> Option<f64> {
+    let fit = report.fit.as_ref()?;
+    let mut shifts: Vec<f64> = report
+        .views
+        .iter()
+        .filter_map(|view| Some((view.fit?, view.skeleton.as_ref()?)))
+        .flat_map(|(fitted, skeleton)| {
+            let posed = fit.avatar.posed(&fitted.pose, skeleton.turn).bones;
+            let joints = posed.keypoints(&fit.avatar.keypoints);
+            let shift = move |joint: Joint| {
+                let seen = skeleton.keypoints.found(joint)?.position;
+                Some(seen.x - fitted.camera.project(joints[joint]).x)
+            };
+            Joint::ALL.into_iter().filter_map(shift).collect::<Vec<_>>()
+        })
+        .collect();
+    shifts.sort_by(f64::total_cmp);
+    shifts.get(shifts.len() / 2).copied()
 }
 
 /// What makes the measurements of a job less accurate than usual
@@ -133,6 +187,10 @@ pub(super) struct Doubts {
     pub(super) px_mm: Option<f64>,
     /// Yaw of the camera, if the person stands beside the middle of the photos
     pub(super) yaw_radians: f64,
+    /// Distance by which given masks reach beyond the edges of the photos, in mm at the person, if it is large
+    pub(super) excess_mm: Option<f64>,
+    /// Estimated pitch of the camera
+    pub(super) pitch_radians: f64,
     /// Whether the field of view was estimated
     pub(super) unknown_fov: bool,
     /// Number of views in which the photo's border cuts off an arm
@@ -147,10 +205,17 @@ impl Doubts {
             .skeleton
             .as_ref()
             .map_or(0.0, |s| s.camera.yaw_radians);
+        let given_pitch = scan.camera.pitch_radians.is_some();
+        let pitch_radians = match &report.skeleton {
+            Some(skeleton) if !given_pitch => skeleton.camera.pitch_radians,
+            _ => 0.0,
+        };
         Self {
             overlap,
             blur_mm: blur_mm(scan, report).filter(|&blur| blur > USUAL_BLUR_MM),
             px_mm: px_mm(report).filter(|&size| size > USUAL_PX_MM),
+            excess_mm: excess_mm(scan, report),
+            pitch_radians,
             yaw_radians,
             unknown_fov: scan.camera.vertical_fov_radians.is_none(),
             cut_arms: cut_off_views(masks, Border::Side),
@@ -169,6 +234,8 @@ impl Doubts {
         } else {
             0.0
         };
+        let tilt = (self.pitch_radians.to_degrees().abs() - USUAL_PITCH_DEGREES).max(0.0)
+            * SHARE_PER_PITCH_DEGREE;
         let blur_mm = self.blur_mm.map_or(0.0, |blur| {
             ERROR_PER_BLUR * (blur * blur - USUAL_BLUR_MM * USUAL_BLUR_MM).sqrt()
         });
@@ -176,8 +243,8 @@ impl Doubts {
             .px_mm
             .map_or(0.0, |size| ERROR_PER_PX * (size - USUAL_PX_MM));
         ExtraSd {
-            share: low.hypot(stretch).hypot(perspective),
-            outline_mm: blur_mm.hypot(pixel_mm),
+            share: low.hypot(stretch).hypot(perspective).hypot(tilt),
+            outline_mm: blur_mm.hypot(pixel_mm).hypot(self.excess_mm.unwrap_or(0.0)),
         }
     }
 }
@@ -204,4 +271,18 @@ fn blur_mm(scan: &Scan, report: &Report) -> Option<f64> {
 fn px_mm(report: &Report) -> Option<f64> {
     let camera = &report.skeleton.as_ref()?.camera;
     Some(camera.distance_mm / camera.focal_px())
+}
+
+/// Returns the median distance of given masks from the edges of the photos, in mm at the person, if it is large
+fn excess_mm(scan: &Scan, report: &Report) -> Option<f64> {
+    let excess = |view: &crate::view::SolvedView| {
+        let scan = &scan.views[view.id.0];
+        excess_px(&scan.photo, scan.mask.as_ref()?)
+    };
+    let mut all: Vec<f64> = report.views.par_iter().filter_map(excess).collect();
+    all.sort_by(f64::total_cmp);
+    let excess = all
+        .get(all.len() / 2)
+        .filter(|excess| excess.abs() > USUAL_EXCESS_PX)?;
+    Some(excess * px_mm(report)?)
 }

@@ -48,6 +48,11 @@ pub enum Warning {
     )]
     Blurred { blur_mm: f64 },
     #[error(
+        "the given masks reach {} mm {} the edges of the photos: standard deviations are larger",
+        excess_mm.abs().round(), if *excess_mm > 0.0 { "beyond" } else { "short of" }
+    )]
+    MasksOffEdges { excess_mm: f64 },
+    #[error(
         "the person is small in the photos: a pixel shows {px_mm:.1} mm, and standard deviations are larger; \
          take larger photos, or stand nearer"
     )]
@@ -88,6 +93,7 @@ impl Warning {
             | Warning::KeypointsDetected
             | Warning::LowOverlap { .. }
             | Warning::Blurred { .. }
+            | Warning::MasksOffEdges { .. }
             | Warning::SmallPerson { .. }
             | Warning::ArmsCutOff { .. }
             | Warning::MassContradicted { .. }
@@ -104,9 +110,10 @@ impl Warning {
                 SkeletonFitWarning::StatureUnknown { .. } => "stature_unknown",
                 SkeletonFitWarning::FieldOfViewUnknown { .. } => "field_of_view_unknown",
                 SkeletonFitWarning::CameraHeightUnknown { .. } => "camera_height_unknown",
-                SkeletonFitWarning::CameraHeightContradicted { .. } => "camera_height_contradicted",
+                SkeletonFitWarning::CameraContradicted { .. } => "camera_contradicted",
                 SkeletonFitWarning::BesideMiddle { .. } => "beside_middle",
                 SkeletonFitWarning::TurnedBackward => "turned_backward",
+                SkeletonFitWarning::TurnsHalved => "turns_halved",
                 SkeletonFitWarning::TurnsShifted { .. } => "turns_shifted",
                 SkeletonFitWarning::ViewWithoutKeypoints { .. } => "view_without_keypoints",
                 SkeletonFitWarning::StatureContradicted { .. } => "stature_contradicted",
@@ -118,6 +125,7 @@ impl Warning {
             Warning::KeypointsDetected => "keypoints_detected",
             Warning::LowOverlap { .. } => "low_overlap",
             Warning::Blurred { .. } => "blurred",
+            Warning::MasksOffEdges { .. } => "masks_off_edges",
             Warning::SmallPerson { .. } => "small_person",
             Warning::ArmsCutOff { .. } => "arms_cut_off",
             Warning::MassContradicted { .. } => "mass_contradicted",

@@ -11,6 +11,7 @@
 //! limbs are determined by the priors and therefore unreliable. The surface is only stretched along the bones, so its
 //! girths are not fitted.
 
+mod doubts;
 mod model;
 mod scales;
 mod solve;
@@ -25,6 +26,7 @@ use thiserror::Error;
 
 use crate::detect::detected_positions;
 use crate::scan::{CameraSetup, KeypointSource, View};
+use doubts::find_contradicted;
 use model::{Problem, Shared, Unknowns, room_joints};
 use pirouette_body::{
     Avatar, Bone, Camera, Joint, Keypoints, PerJoint, Pose, PosedBones, TurnAngle, pose_bones,
@@ -32,6 +34,7 @@ use pirouette_body::{
 use scales::Frame;
 use solve::{Solution, solve};
 
+pub use doubts::CameraParameter;
 pub use scales::{BoneScale, BoneScales, rescale_avatar};
 pub(crate) use start::keypoint_sigma_px;
 pub use swaps::SwapGroup;
@@ -172,16 +175,17 @@ pub enum SkeletonFitWarning {
         /// Height in use, in mm
         estimated_mm: f64,
     },
-    /// The given height of the camera is inconsistent with the photos
+    /// A given parameter of the camera is inconsistent with the photos
     #[error(
-        "the camera cannot be {given_mm:.0} mm high: {estimated_mm:.0} mm fit best and are assumed; \
-         correct camera.height_mm in scan.json"
+        "{parameter} cannot be {given:.0}: {found:.0} fits far better and is assumed; correct it in scan.json"
     )]
-    CameraHeightContradicted {
-        /// Given height, in mm
-        given_mm: f64,
-        /// Height in use, in mm
-        estimated_mm: f64,
+    CameraContradicted {
+        /// The parameter
+        parameter: CameraParameter,
+        /// Its given value, in the unit of its key
+        given: f64,
+        /// Its value in use
+        found: f64,
     },
     /// The person stands beside the middle of the photos
     #[error(
@@ -198,6 +202,12 @@ pub enum SkeletonFitWarning {
          turn to the left, or reverse the angles"
     )]
     TurnedBackward,
+    /// The person turned by half of the given angles
+    #[error(
+        "the person turned by half of the turn angles only: half of them was assumed; make a complete turn, or correct \
+         angle_deg in scan.json"
+    )]
+    TurnsHalved,
     /// Turn angle 0 is not where the person faces the camera
     #[error(
         "the person faces the camera at another angle than 0: {offset_degrees:.0} degrees were added to all turn angles"
@@ -293,12 +303,6 @@ const OUTLIER_SIGMAS: f64 = 5.0;
 /// Maximum number of searches for swaps, each followed by a new solution
 const FIX_ROUNDS: usize = 3;
 
-/// Pitch of the camera, in prior standard deviations, that makes its given height doubtful
-const IMPLAUSIBLE_PITCH_SIGMAS: f64 = 3.0;
-
-/// Log-likelihood gain required to replace the given height of the camera
-const CLEAR_HEIGHT_GAIN: f64 = 8.0;
-
 /// Log-likelihood gain required for a posture
 ///
 /// 1.5 per unknown, of which there are 18. Rendered people in the reference pose gain 2 to 11, a real person with
@@ -357,6 +361,7 @@ pub fn fit_skeleton(
         frame,
         stature_mm,
         camera: start.camera,
+        seen_distance_mm: start.seen_distance_mm,
         free_posture: false,
         views: start.views,
     };
@@ -369,6 +374,9 @@ pub fn fit_skeleton(
     };
     if turn_correction.reversed {
         warnings.push(SkeletonFitWarning::TurnedBackward);
+    }
+    if turn_correction.halved {
+        warnings.push(SkeletonFitWarning::TurnsHalved);
     }
     let offset_degrees = turn_correction.offset.wrapped().degrees();
     if turn_correction != TurnCorrection::default() && offset_degrees > 0.0 {
@@ -384,15 +392,13 @@ pub fn fit_skeleton(
     if turn_correction.swapped {
         swaps.extend((0..views.len()).map(|view| (view, SwapGroup::Body)));
     }
-    if let Some(given_mm) = camera.height_mm
-        && let Some(freed) = free_height(&problem, &solution, options)
-    {
-        (problem, solution) = freed;
-        let shared = problem.shared(&solution.unknowns.shared);
-        warnings.push(SkeletonFitWarning::CameraHeightContradicted {
-            given_mm,
-            estimated_mm: shared.camera_of(&problem.views[0]).height_mm,
+    if let Some(found) = find_contradicted(&problem, &solution, camera, options) {
+        warnings.push(SkeletonFitWarning::CameraContradicted {
+            parameter: found.parameter,
+            given: found.given,
+            found: found.found,
         });
+        (problem, solution) = (found.problem, found.solution);
     }
     fix_all_swaps(&mut problem, &mut solution, &mut swaps, options);
     if options.free_posture {
@@ -423,25 +429,6 @@ pub fn fit_skeleton(
         },
         warnings,
     ))
-}
-
-/// Solves without the given height of the camera if the camera is implausibly pitched with it; `None` if it is not, or if
-/// the keypoints do not clearly support another height
-fn free_height(
-    given: &Problem,
-    solution: &Solution,
-    options: &SkeletonFitOptions,
-) -> Option<(Problem, Solution)> {
-    let (start, sigma) = given.camera.pitch_radians;
-    let shared = given.shared(&solution.unknowns.shared);
-    let pitch = shared.camera_of(given.views.first()?).pitch_radians;
-    if sigma <= 0.0 || (pitch - start).abs() < IMPLAUSIBLE_PITCH_SIGMAS * sigma {
-        return None;
-    }
-    let mut problem = given.clone();
-    problem.camera.height_mm = start::unknown_height(given.stature_mm);
-    let free = solve(&problem, problem.start(), options.rounds);
-    (free.cost < solution.cost - CLEAR_HEIGHT_GAIN).then_some((problem, free))
 }
 
 /// Fixes swaps and solves again, until no swaps are found
@@ -529,9 +516,10 @@ fn assemble(
             estimated_degrees: camera.vertical_fov_radians.to_degrees(),
         });
     }
-    let contradicted =
-        |w: &SkeletonFitWarning| matches!(w, SkeletonFitWarning::CameraHeightContradicted { .. });
-    if problem.camera.height_mm.1 > 0.0 && !warnings.iter().any(contradicted) {
+    let contradicted = warnings
+        .iter()
+        .any(|w| matches!(w, SkeletonFitWarning::CameraContradicted { .. }));
+    if problem.camera.height_mm.1 > 0.0 && !contradicted {
         warnings.push(SkeletonFitWarning::CameraHeightUnknown {
             estimated_mm: camera.height_mm,
         });

@@ -102,6 +102,8 @@ pub(super) struct Problem {
     pub(super) frame: Frame,
     pub(super) stature_mm: f64,
     pub(super) camera: CameraPrior,
+    /// Distance of the camera by the person's size in the photos, in mm
+    pub(super) seen_distance_mm: f64,
     /// Whether a posture is solved for; otherwise all rotations are sway
     pub(super) free_posture: bool,
     pub(super) views: Vec<ViewData>,

@@ -19,13 +19,13 @@ const DOUBTFUL_SIGMA_PX: f64 = 8.0;
 const CONFIDENT: f64 = 0.68;
 
 /// Vertical field of view if unknown: near that of an upright photo of a phone's main camera
-const USUAL_VERTICAL_FOV_DEGREES: f64 = 50.0;
+pub(super) const USUAL_VERTICAL_FOV_DEGREES: f64 = 50.0;
 
 /// Standard deviation of the logarithm of an unknown focal length
-const UNKNOWN_LOG_FOCAL_SIGMA: f64 = 0.15;
+pub(super) const UNKNOWN_LOG_FOCAL_SIGMA: f64 = 0.15;
 
 /// Prior standard deviation of the distance around its start, in mm
-const DISTANCE_SIGMA_MM: f64 = 300.0;
+pub(super) const DISTANCE_SIGMA_MM: f64 = 300.0;
 
 /// Standard deviation of a measured distance, in mm
 const GIVEN_DISTANCE_SIGMA_MM: f64 = 10.0;
@@ -54,6 +54,8 @@ pub(super) const MIN_JOINTS: usize = 6;
 pub(super) struct Start {
     pub(super) views: Vec<ViewData>,
     pub(super) camera: CameraPrior,
+    /// Distance of the camera by the person's size in the photos, in mm
+    pub(super) seen_distance_mm: f64,
 }
 
 /// Returns the standard deviation of a keypoint in a photo in which the person is `stature_px` tall, in px
@@ -165,6 +167,7 @@ pub(super) fn prepare(
     Ok(Start {
         views: prepared,
         camera,
+        seen_distance_mm: seen.unwrap_or(distance_mm),
     })
 }
 

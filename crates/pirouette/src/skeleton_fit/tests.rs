@@ -374,6 +374,7 @@ fn derivatives_match_differences() {
         frame: Frame::new(&body()).unwrap(),
         stature_mm: STATURE_MM,
         camera: start.camera,
+        seen_distance_mm: start.seen_distance_mm,
         free_posture: true,
         views: start.views,
     };

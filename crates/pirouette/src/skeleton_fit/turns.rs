@@ -19,20 +19,23 @@ const MIN_OFFSET_RADIANS: f64 = 0.07;
 /// Maximum number of transfers of the mean turn to the angles
 const MAX_OFFSET_STEPS: usize = 4;
 
-/// Correction of the given turn angles: `turn = given or -given, plus offset`
+/// Correction of the given turn angles: `turn = given or -given or half of it, plus offset`
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TurnCorrection {
     /// Whether the person turned in the opposite direction
     pub reversed: bool,
     /// Offset added afterwards
     pub offset: TurnAngle,
+    /// Whether the person turned by half of the given angles
+    pub halved: bool,
     /// Whether left and right of all joints were swapped in all views
     pub swapped: bool,
 }
 
 impl TurnCorrection {
     fn apply(self, given: TurnAngle) -> TurnAngle {
-        let turn = given.radians() * if self.reversed { -1.0 } else { 1.0 };
+        let factor = if self.halved { 0.5 } else { 1.0 };
+        let turn = given.radians() * factor * if self.reversed { -1.0 } else { 1.0 };
         TurnAngle::from_radians(turn + self.offset.radians())
     }
 }
@@ -47,10 +50,16 @@ pub(super) fn solve_turns(problem: &mut Problem, rounds: usize) -> (Solution, Tu
         let limit = CONVINCING_PART * unexplained;
         let quarters = (0..4).map(|quarter| TurnAngle::from_degrees(90.0 * f64::from(quarter)));
         for offset in quarters {
-            for (reversed, swapped) in [(false, false), (true, false), (false, true)] {
+            for (reversed, swapped, halved) in [
+                (false, false, false),
+                (true, false, false),
+                (false, true, false),
+                (false, false, true),
+            ] {
                 let candidate = TurnCorrection {
                     reversed,
                     offset,
+                    halved,
                     swapped,
                 };
                 set_turns(problem, &given, candidate);
