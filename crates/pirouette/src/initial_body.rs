@@ -180,6 +180,7 @@ fn pose_avatar(
     let options = SkeletonFitOptions {
         fix_swaps: false,
         correct_turns: false,
+        check_camera: false,
         ..SkeletonFitOptions::default()
     };
     let (posed, views) = fit_skeleton(avatar, &bundle_views, &setup, Some(stature_mm), &options)?;

@@ -380,7 +380,9 @@ pub(crate) fn fit_outlines(
         .map(|(p, rest)| *p - *rest)
         .sum::<DVec3>()
         / body.positions.len().max(1) as f64;
-    let shift = DVec3::new(shift.x, 0.0, shift.z);
+    // The soles are constrained to the floor, but not exactly.
+    let floor = body.positions.iter().map(|p| p.y).reduce(f64::min);
+    let shift = DVec3::new(shift.x, floor.unwrap_or(0.0), shift.z);
     let mut fitted = avatar.clone();
     fitted.mesh.positions = body.positions.iter().map(|p| *p - shift).collect();
     fitted.bone_heads = body.bone_heads.map(|p| p - shift);

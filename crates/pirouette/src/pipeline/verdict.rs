@@ -41,7 +41,7 @@ const USUAL_EXCESS_PX: f64 = 0.8;
 ///
 /// A camera that is not level looks like a photo that was cropped or padded at one end, but shows the body differently.
 const USUAL_PITCH_DEGREES: f64 = 4.0;
-const SHARE_PER_PITCH_DEGREE: f64 = 0.004;
+const SHARE_PER_PITCH_DEGREE: f64 = 0.006;
 
 /// Blur of photos that the usual standard deviations include, in mm at the person
 const USUAL_BLUR_MM: f64 = 2.5;

@@ -79,6 +79,8 @@ pub struct SkeletonFitOptions {
     pub pitch_sigma_radians: f64,
     /// Corrects turn angles that run in the wrong direction or do not start at the front
     pub correct_turns: bool,
+    /// Replaces given parameters of the camera that the keypoints clearly contradict
+    pub check_camera: bool,
     /// Allows a posture: arms and thighs that differ from the reference pose in all views
     ///
     /// Used only if the keypoints clearly support it; otherwise, and if disabled, all rotations are sway, which the
@@ -92,6 +94,7 @@ impl Default for SkeletonFitOptions {
             rounds: 25,
             fix_swaps: true,
             correct_turns: true,
+            check_camera: true,
             pitch_sigma_radians: 2.0_f64.to_radians(),
             free_posture: true,
         }
@@ -392,7 +395,8 @@ pub fn fit_skeleton(
     if turn_correction.swapped {
         swaps.extend((0..views.len()).map(|view| (view, SwapGroup::Body)));
     }
-    if let Some(found) = find_contradicted(&problem, &solution, camera, options) {
+    let check = || find_contradicted(&problem, &solution, camera, options);
+    if let Some(found) = options.check_camera.then(check).flatten() {
         warnings.push(SkeletonFitWarning::CameraContradicted {
             parameter: found.parameter,
             given: found.given,

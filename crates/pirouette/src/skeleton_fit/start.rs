@@ -46,6 +46,9 @@ const MIN_RISE_PER_STATURE: f64 = 0.15;
 /// The poses explain smaller distances by shifts, which the swaying person needs, too.
 const MIN_BESIDE: f64 = 0.04;
 
+/// Yaw that is reported, in radians: a person who stands a step beside the middle is harmless
+const MIN_REPORTED_YAW: f64 = 0.07;
+
 /// Minimum number of joints in all views together
 pub(super) const MIN_JOINTS: usize = 6;
 
@@ -143,7 +146,7 @@ pub(super) fn prepare(
         .collect();
     let yaw_radians = known(setup.yaw_radians).unwrap_or_else(|| {
         let yaw = yaw_of(views, &found, focal_per_height);
-        if yaw != 0.0 {
+        if yaw.abs() > MIN_REPORTED_YAW {
             warnings.push(SkeletonFitWarning::BesideMiddle {
                 yaw_degrees: yaw.to_degrees(),
             });

@@ -54,6 +54,7 @@ pub(super) fn solve_turns(problem: &mut Problem, rounds: usize) -> (Solution, Tu
                 (false, false, false),
                 (true, false, false),
                 (false, true, false),
+                (true, true, false),
                 (false, false, true),
             ] {
                 let candidate = TurnCorrection {
