@@ -3,6 +3,7 @@
 mod arap_command;
 mod args;
 mod avatar_command;
+mod check_command;
 mod demo_command;
 mod eval_command;
 mod keypoints_command;
@@ -75,6 +76,7 @@ fn run_command(cli: &Cli, output: Output, cancel: &CancelToken) -> Result<()> {
         Command::Normalize(args) => scan(args, Goal::Normalize),
         Command::Reconstruct(args) => scan(args, Goal::Reconstruct),
         Command::Measure(args) => scan(args, Goal::Measure),
+        Command::Check(args) => check_command::run(args, output, cli.quiet, cancel),
         Command::Keypoints(args) => keypoints_command::run(args, output, cli.quiet, cancel),
         Command::Demo(args) => demo_command::run(args, output, cli.quiet, cancel),
         Command::Size(args) => size_command::run(args, output),

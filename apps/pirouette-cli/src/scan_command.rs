@@ -101,12 +101,17 @@ fn scan_source(
     let done = run_job(source, config, options, cancel, &mut |event| {
         progress.show_job(&event);
     });
-    done.map_err(|error| match error {
+    done.map_err(|error| with_cause(error, &scan))
+}
+
+/// Names the scan or the flag that caused an error
+pub fn with_cause(error: JobError, scan: &Path) -> Error {
+    match error {
         JobError::Card(error) => Error::new(error).context("--scale card"),
         JobError::Pipeline(error) => Error::new(error).context(scan.display().to_string()),
         JobError::Check(error) => Error::new(error).context(scan.display().to_string()),
         error => error.into(),
-    })
+    }
 }
 
 /// Returns the library's configuration for the command line arguments

@@ -4,7 +4,7 @@ mod common;
 
 use common::{Folders, pirouette, text};
 
-const COMMANDS: [&str; 11] = [
+const COMMANDS: [&str; 12] = [
     "scan",
     "segment",
     "normalize",
@@ -13,6 +13,7 @@ const COMMANDS: [&str; 11] = [
     "avatar",
     "arap",
     "eval",
+    "check",
     "keypoints",
     "models",
     "completions",

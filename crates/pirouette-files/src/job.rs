@@ -11,7 +11,10 @@ use web_time::Instant;
 
 use pirouette::check::{CheckError, check_scan};
 use pirouette::detect::detect_keypoints;
-use pirouette::pipeline::{self, CancelToken, Config, Event, Goal, PipelineError, Report, Stage};
+use pirouette::pipeline::{
+    self, AvatarSource, CancelToken, Capture, Config, Event, Goal, PipelineError, Report, Stage,
+    check_capture,
+};
 use pirouette::scale::{Card, ScaleError, scale_by_card, scale_by_pixels};
 use pirouette::scan::{KeypointKind, KeypointSource, Photo, StatureFrom};
 use pirouette::sizes::{Chart, advise_person};
@@ -114,10 +117,60 @@ pub fn run_job(
     cancel: &CancelToken,
     on_event: &mut (dyn FnMut(JobEvent) + Send),
 ) -> Result<FinishedJob, JobError> {
+    let Prepared {
+        loaded,
+        load_seconds,
+        detect_seconds,
+    } = prepare(source, config.goal, options, cancel, on_event)?;
+    let mut report = pipeline::run(&loaded.scan, config, cancel, &mut |event| {
+        on_event(JobEvent::Pipeline(event));
+    })?;
+    let detected = detect_seconds.map(|seconds| (Stage::Detect, seconds));
+    report.seconds.splice(..0, detected);
+    Ok(FinishedJob {
+        loaded,
+        load_seconds,
+        report,
+    })
+}
+
+/// Loads a scan, detects missing keypoints, determines the scale, and checks each photo, without computing a body
+///
+/// Warnings and rejected views are those that [`run_job`] reports before it starts to compute.
+///
+/// # Errors
+/// As [`run_job`], when no skeleton fits.
+pub fn check_job(
+    source: Source,
+    avatar: &AvatarSource,
+    options: &JobOptions,
+    cancel: &CancelToken,
+    on_event: &mut (dyn FnMut(JobEvent) + Send),
+) -> Result<(LoadedScan, Capture), JobError> {
+    let prepared = prepare(source, Goal::Measure, options, cancel, on_event)?;
+    let capture = check_capture(&prepared.loaded.scan, avatar)?;
+    Ok((prepared.loaded, capture))
+}
+
+/// A scan that is ready to compute
+struct Prepared {
+    loaded: LoadedScan,
+    load_seconds: f64,
+    detect_seconds: Option<f64>,
+}
+
+/// Loads a scan, detects missing keypoints, checks it and determines the scale
+fn prepare(
+    source: Source,
+    goal: Goal,
+    options: &JobOptions,
+    cancel: &CancelToken,
+    on_event: &mut (dyn FnMut(JobEvent) + Send),
+) -> Result<Prepared, JobError> {
     let start = Instant::now();
     let load_options = LoadOptions {
         // Silhouettes may come from photos of any size; only a body requires a single camera.
-        one_shape: config.goal > Goal::Segment,
+        one_shape: goal > Goal::Segment,
         without_keypoints: options.pose_model.is_some(),
         keypoints: options.keypoints,
         ..LoadOptions::default()
@@ -132,7 +185,7 @@ pub fn run_job(
         Some(model) => detect(&mut loaded, model, cancel, on_event)?,
         None => None,
     };
-    if config.goal > Goal::Segment {
+    if goal > Goal::Segment {
         check(&mut loaded)?;
         find_scale(&mut loaded, options.scale, on_event)?;
     }
@@ -142,15 +195,10 @@ pub fn run_job(
     for failed in &loaded.failed {
         on_event(JobEvent::ViewFailed(failed));
     }
-    let mut report = pipeline::run(&loaded.scan, config, cancel, &mut |event| {
-        on_event(JobEvent::Pipeline(event));
-    })?;
-    let detected = detect_seconds.map(|seconds| (Stage::Detect, seconds));
-    report.seconds.splice(..0, detected);
-    Ok(FinishedJob {
+    Ok(Prepared {
         loaded,
         load_seconds,
-        report,
+        detect_seconds,
     })
 }
 

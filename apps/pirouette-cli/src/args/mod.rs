@@ -2,6 +2,7 @@
 
 mod arap;
 mod avatar;
+mod check;
 mod demo;
 mod eval;
 mod keypoints;
@@ -13,6 +14,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 
 pub use arap::ArapArgs;
 pub use avatar::AvatarArgs;
+pub use check::CheckArgs;
 pub use demo::DemoArgs;
 pub use eval::{
     EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalPhotosArgs, EvalPublishedArgs, EvalScansArgs,
@@ -74,6 +76,9 @@ pub enum Command {
     /// Compute the silhouettes, transform them to the reference pose and compute the body
     #[command(after_help = scan::RECONSTRUCT_HELP)]
     Reconstruct(ScanArgs),
+    /// Check a scan without computing a body: what is wrong or doubtful, per photo
+    #[command(after_help = check::CHECK_HELP)]
+    Check(CheckArgs),
     /// Run the pose detector alone and write a keypoint file and a picture for each photo
     #[command(after_help = keypoints::KEYPOINTS_HELP)]
     Keypoints(KeypointsArgs),

@@ -94,6 +94,7 @@ pub struct LoadedScan {
 impl LoadedScan {
     /// Moves usable views to the unusable ones, with the reason; indices of other views change
     pub(crate) fn reject(&mut self, rejected: Vec<(usize, ViewError)>) {
+        let start = self.failed.len();
         for (index, reason) in rejected.into_iter().rev() {
             let view = self.scan.views.remove(index);
             self.files.remove(index);
@@ -104,6 +105,7 @@ impl LoadedScan {
                 reason,
             });
         }
+        self.failed[start..].reverse();
         self.without_keypoints.clear();
     }
 

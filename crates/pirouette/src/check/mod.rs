@@ -13,7 +13,7 @@ use thiserror::Error;
 use crate::scan::{Scan, View};
 use pirouette_body::{Joint, Keypoint, Keypoints, ReferencePose};
 
-pub(crate) use silhouettes::{Border, blur_px, cut_off_views, excess_px};
+pub(crate) use silhouettes::{Border, blur_px, cut_off_views, excess_px, is_cut_off};
 
 /// Minimum number of different photos of a body
 const MIN_PHOTOS: usize = 3;

@@ -23,7 +23,8 @@ pub(crate) fn cut_off_views<'a>(masks: impl Iterator<Item = &'a Mask>, border: B
     masks.filter(|mask| is_cut_off(mask, border)).count()
 }
 
-fn is_cut_off(mask: &Mask, border: Border) -> bool {
+/// Returns whether a border of the photo cuts off a silhouette
+pub(crate) fn is_cut_off(mask: &Mask, border: Border) -> bool {
     let (width, height) = (mask.width(), mask.height());
     if width == 0 || height == 0 {
         return false;

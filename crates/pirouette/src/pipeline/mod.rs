@@ -3,6 +3,7 @@
 //! [`run`] is pure computation over a scan in memory; `pirouette-files` writes the reports. A view that a stage
 //! rejects is dropped with a warning as long as enough views remain. Photos are never copied.
 
+mod capture;
 mod event;
 mod job;
 mod report;
@@ -24,6 +25,7 @@ use pirouette_body::gltf::LoadAvatarError;
 use pirouette_body::mannequin::MannequinError;
 
 pub use crate::initial_body::InitialMannequin;
+pub use capture::{Capture, Finding, check_capture};
 pub use event::{CancelToken, Event, Stage};
 pub use report::{DropReason, DroppedView, Report};
 pub use stages::{

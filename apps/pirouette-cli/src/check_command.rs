@@ -1,0 +1,113 @@
+//! `pirouette check`: what is wrong or doubtful with a capture, per photo.
+
+use anyhow::{Result, bail};
+use pirouette::pipeline::{AvatarSource, CancelToken, Capture};
+use pirouette_body::Sex;
+use pirouette_files::job::{JobOptions, check_job};
+use pirouette_files::scan_folder::{LoadedScan, open_source};
+use serde_json::{Value, json};
+
+use crate::args::CheckArgs;
+use crate::models_command::pose_model;
+use crate::output::Output;
+use crate::progress::Progress;
+use crate::scan_command::with_cause;
+
+/// Share of the photos with a serious finding above which a scan is refused
+const MAX_SERIOUS: f64 = 0.3;
+
+/// Runs the command
+pub fn run(args: &CheckArgs, output: Output, quiet: bool, cancel: &CancelToken) -> Result<()> {
+    let progress = Progress::new(quiet);
+    let pose_model = pose_model(args.pose_model.as_deref())?;
+    let options = JobOptions {
+        pose_model: pose_model.as_ref(),
+        ..JobOptions::default()
+    };
+    let avatar = AvatarSource::Mannequin {
+        sex: Sex::Neutral,
+        mass_kg: None,
+    };
+    let source = open_source(&args.scan)?;
+    let scan = source.path();
+    let checked = check_job(source, &avatar, &options, cancel, &mut |event| {
+        progress.show_job(&event);
+    });
+    progress.finish();
+    let (loaded, capture) = checked.map_err(|error| with_cause(error, &scan))?;
+    output.done(&table(&loaded, &capture), || to_json(&loaded, &capture))?;
+    let serious = serious_count(&capture);
+    if serious as f64 > MAX_SERIOUS * capture.findings.len() as f64 {
+        bail!(
+            "{}: {serious} photos do not show the complete person: the scan would be refused",
+            scan.display()
+        );
+    }
+    Ok(())
+}
+
+fn serious_count(capture: &Capture) -> usize {
+    let serious = |found: &&Vec<_>| found.iter().any(pirouette::pipeline::Finding::is_serious);
+    capture.findings.iter().filter(serious).count()
+}
+
+/// Formats one line per photo, and the warnings about the complete scan
+fn table(loaded: &LoadedScan, capture: &Capture) -> String {
+    let views = loaded.scan.views.iter().zip(&capture.joint_counts);
+    let mut lines = vec![format!("{:<12}{:>6}{:>8}  ", "photo", "angle", "joints")];
+    for ((view, count), found) in views.zip(&capture.findings) {
+        let start = format!("{:<12}{:>5.0}°{count:>8}  ", view.name, view.turn.degrees());
+        let found: Vec<String> = found.iter().map(ToString::to_string).collect();
+        let all = if found.is_empty() {
+            "ok".to_owned()
+        } else {
+            found.join(&format!("\n{:28}", ""))
+        };
+        lines.push(start + &all);
+    }
+    for failed in &loaded.failed {
+        lines.push(format!(
+            "{:<12}{:>5.0}°{:>8}  {}",
+            failed.view,
+            failed.turn.degrees(),
+            "-",
+            failed.reason
+        ));
+    }
+    let warnings = loaded.warnings.iter().map(ToString::to_string);
+    let of_skeleton = capture.skeleton.warnings.iter().map(ToString::to_string);
+    lines.extend(warnings.chain(of_skeleton));
+    lines.join("\n")
+}
+
+fn to_json(loaded: &LoadedScan, capture: &Capture) -> Value {
+    let views = loaded.scan.views.iter().zip(&capture.joint_counts);
+    let views: Vec<Value> = views
+        .zip(&capture.findings)
+        .map(|((view, count), found)| {
+            let findings = found
+                .iter()
+                .map(|finding| json!({ "code": finding.code(), "message": finding.to_string() }));
+            json!({
+                "name": view.name,
+                "angle_deg": view.turn.degrees(),
+                "joints": count,
+                "findings": findings.collect::<Vec<_>>(),
+            })
+        })
+        .collect();
+    let failed: Vec<Value> = loaded
+        .failed
+        .iter()
+        .map(|failed| json!({ "name": failed.view, "reason": failed.reason.to_string() }))
+        .collect();
+    let warnings = loaded.warnings.iter().map(ToString::to_string);
+    let of_skeleton = capture.skeleton.warnings.iter().map(ToString::to_string);
+    json!({
+        "ok": true,
+        "views": views,
+        "failed": failed,
+        "warnings": warnings.chain(of_skeleton).collect::<Vec<_>>(),
+        "rms_px": capture.skeleton.rms_px,
+    })
+}
