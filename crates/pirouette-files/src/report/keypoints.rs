@@ -191,7 +191,9 @@ mod tests {
                     (pixel - from) / (to - from)
                 });
                 let coverage: Vec<f64> = channels.collect();
-                coverage.iter().all(|c| *c > 0.5 && (c - coverage[0]).abs() < 0.1)
+                coverage
+                    .iter()
+                    .all(|c| *c > 0.5 && (c - coverage[0]).abs() < 0.1)
             };
             (0..600).any(|y| (left..left + column).any(|x| written(x, y)))
         };
