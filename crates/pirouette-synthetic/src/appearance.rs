@@ -32,11 +32,17 @@ pub enum Lighting {
 /// Light in a dim room, relative to [`Lighting::Even`]
 const DIM: f32 = 1.0 / 16.0;
 
-/// Direction to the lamp at the side, view from the camera: x right, y up, z toward the camera
-const SIDE: DVec3 = DVec3::new(0.95, 0.2, 0.25);
+/// Position of the lamp at the side in the room, in mm: x right in the photo, y up, z toward the camera
+///
+/// It is near: its light decreases across the body, and the front is lit at a flat angle. A far one would light the inner
+/// side of the other arm and leg as much, since bodies cast no shadows here.
+const LAMP_MM: DVec3 = DVec3::new(900.0, 1300.0, 150.0);
 
-/// Light on surfaces that face away from the lamp, and that is added to those that face it
-const SIDE_LIGHT: [f64; 2] = [0.06, 1.5];
+/// Distance from which on surfaces get no more light, in mm: arms may reach the lamp
+const MIN_LAMP_MM: f64 = 300.0;
+
+/// Light on surfaces that face away from the lamp, and that is added at the turning axis to those that face it
+const SIDE_LIGHT: [f64; 2] = [0.06, 1.2];
 
 /// Light on the room at the left and the right of the photo
 const SIDE_ROOM: [f32; 2] = [0.15, 1.1];
@@ -109,9 +115,10 @@ impl Lighting {
     }
 }
 
-/// Returns the light of the lamp at the side on each pixel, relative to the light of the renderer
+/// Returns the light of the lamp at the side on each pixel, divided by the light of the renderer
+///
+/// The factor replaces the light of the renderer, which is from the other side.
 fn side_gain(mesh: &render::SilhouetteMesh, positions: &[DVec3], camera: &Camera) -> Grid<f32> {
-    let toward = SIDE.normalize_or(DVec3::X);
     let mut normals = vec![DVec3::ZERO; positions.len()];
     for triangle in mesh.triangles() {
         let [a, b, c] = triangle.map(|v| positions[v as usize]);
@@ -122,13 +129,16 @@ fn side_gain(mesh: &render::SilhouetteMesh, positions: &[DVec3], camera: &Camera
     }
     let [ambient, lamp] = SIDE_LIGHT;
     let gains: Vec<[f32; 3]> = normals
-        .into_iter()
-        .map(|normal| {
-            let facing = normal.normalize_or_zero().dot(toward).max(0.0);
-            [(ambient + lamp * facing) as f32; 3]
+        .iter()
+        .zip(positions)
+        .map(|(normal, &position)| {
+            let toward = LAMP_MM - position;
+            let facing = normal.normalize_or_zero().dot(toward.normalize_or_zero());
+            let nearness = LAMP_MM.x.powi(2) / toward.length_squared().max(MIN_LAMP_MM.powi(2));
+            [(ambient + lamp * nearness * facing.max(0.0)) as f32; 3]
         })
         .collect();
-    // The renderer has a fixed light: a picture of the gains is divided by one of a white body. Below 1 it is not clipped.
+    // The renderer has a fixed light: it lights a body with the gains as color, and a white one. Below 1 it is not clipped.
     let shade = |colors: &[[f32; 3]], scale: f32| {
         let dark = move |color: [f32; 3]| color.map(|v| v * scale);
         render::shade_layer(mesh, positions, camera, dark, Some(colors)).color
@@ -138,7 +148,12 @@ fn side_gain(mesh: &render::SilhouetteMesh, positions: &[DVec3], camera: &Camera
     let white = shade(&vec![[1.0; 3]; positions.len()], SCALE);
     Grid::from_fn(camera.width_px, camera.height_px, |x, y| {
         let (lit, white) = (lit[(x, y)][0], white[(x, y)][0]);
-        if white > 0.0 { lit / white } else { 1.0 }
+        let renderer = white / SCALE;
+        if renderer > 0.0 {
+            lit / white / renderer
+        } else {
+            1.0
+        }
     })
 }
 

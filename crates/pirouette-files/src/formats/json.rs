@@ -68,7 +68,9 @@ const SINGLE_QUOTES: [char; 3] = ['\'', '‘', '’'];
 /// When the file is not text, or its meaning is not certain.
 pub fn to_strict(bytes: &[u8]) -> Result<Cow<'_, [u8]>, JsonError> {
     let quoted = bytes.trim_ascii_start().first() == Some(&b'"');
-    if !quoted && serde_json::from_slice::<IgnoredAny>(bytes).is_ok() {
+    // Of bytes, serde_json would not check the encoding of ignored strings.
+    let is_strict = |text: &str| serde_json::from_str::<IgnoredAny>(text).is_ok();
+    if !quoted && std::str::from_utf8(bytes).is_ok_and(is_strict) {
         return Ok(Cow::Borrowed(bytes));
     }
     let text: Vec<char> = decode(bytes)?.chars().collect();

@@ -182,13 +182,26 @@ mod tests {
         assert_eq!(picture[(column + 300, 400)], LEFT_COLOR);
         assert_eq!(picture[(column + 100, 300)], RIGHT_COLOR);
         assert_eq!(picture[(column + 200, 100)], MIDDLE_COLOR);
-        // Labels are beside the photo, two on each side.
-        let rows = |left: usize, color: Color| {
-            let lit = |x: &usize, y: usize| picture[(*x, y)] == color;
-            (0..600).any(|y| (left..left + column).any(|x| lit(&x, y)))
+        // Labels are beside the photo, two on each side; thin strokes of small text do not fill a pixel.
+        let has_text = |left: usize, color: Color| {
+            let written = |x: usize, y: usize| {
+                let channels = (0..3).map(|channel| {
+                    let [pixel, from, to] =
+                        [picture[(x, y)], PANEL, color].map(|c| f64::from(c[channel]));
+                    (pixel - from) / (to - from)
+                });
+                let coverage: Vec<f64> = channels.collect();
+                coverage
+                    .iter()
+                    .all(|c| *c > 0.5 && (c - coverage[0]).abs() < 0.1)
+            };
+            (0..600).any(|y| (left..left + column).any(|x| written(x, y)))
         };
-        assert!(rows(0, RIGHT_COLOR) && rows(0, MIDDLE_COLOR));
-        assert!(rows(column + 400, LEFT_COLOR));
+        let (left, right) = (0, column + 400);
+        assert!(has_text(left, RIGHT_COLOR) && has_text(left, MIDDLE_COLOR));
+        assert!(has_text(right, LEFT_COLOR));
+        assert!(!has_text(left, LEFT_COLOR));
+        assert!(!has_text(right, RIGHT_COLOR) && !has_text(right, MIDDLE_COLOR));
     }
 
     #[test]

@@ -25,7 +25,7 @@ use pirouette::scan::KeypointKind;
 use pirouette_body::{Joint, Keypoints};
 use thiserror::Error;
 
-use crate::formats::json::to_strict;
+use crate::formats::json::{JsonError, to_strict};
 use layout::Layout;
 use photos::{Key, Photo, key_of_value, match_photos};
 use points::{NotPoints, Person};
@@ -49,12 +49,13 @@ pub struct Detection {
 pub enum KeypointsError {
     #[error("the file is empty")]
     Empty,
-    #[error("the keypoints are not valid JSON: {0}")]
-    Syntax(serde_json::Error),
     #[error(
-        "the keypoints contain NaN or Infinity, which JSON forbids ({0}); write joints that were not found as 0, 0, 0"
+        "{0}; a keypoint file is {{ \"people\": [{{ \"pose_keypoints_2d\": [x, y, confidence, ...] }}] }}"
     )]
-    NotFinite(serde_json::Error),
+    Json(JsonError),
+    /// Strict JSON with a value that is out of range, or too many values
+    #[error("the keypoints cannot be read: {0}")]
+    Value(serde_json::Error),
     #[error("the file is neither JSON nor text in UTF-8")]
     NotText,
     #[error(
@@ -148,9 +149,8 @@ impl KeypointFile {
                 vec![Photo::of(yolo::text_people(text)?)]
             }
             Some(_) => {
-                let strict = to_strict(bytes);
-                let bytes = strict.as_deref().unwrap_or(bytes);
-                let node = Node::parse(bytes).map_err(|error| syntax_error(bytes, error))?;
+                let strict = to_strict(bytes).map_err(json_error)?;
+                let node = Node::parse(&strict).map_err(KeypointsError::Value)?;
                 read_photos(&node, None)?
             }
         };
@@ -200,12 +200,10 @@ impl KeypointFile {
     }
 }
 
-fn syntax_error(json: &[u8], error: serde_json::Error) -> KeypointsError {
-    let spelled = |word: &[u8]| json.windows(word.len()).any(|w| w == word);
-    if spelled(b"NaN") || spelled(b"nan") || spelled(b"Infinity") {
-        KeypointsError::NotFinite(error)
-    } else {
-        KeypointsError::Syntax(error)
+fn json_error(error: JsonError) -> KeypointsError {
+    match error {
+        JsonError::Empty => KeypointsError::Empty,
+        error => KeypointsError::Json(error),
     }
 }
 

@@ -336,7 +336,7 @@ fn what_does_not_fit_is_reported_with_what_was_found() {
         ("[{\"boxes\": [1, 2]}]", "an object with \"boxes\""),
         (
             "{\"people\": [{\"pose_keypoints_2d\": [NaN]}]}",
-            "contain NaN",
+            "line 1, column 36: `NaN` is not a number",
         ),
         ("{\"poseWorldLandmarks\": []}", "positions in the room"),
         (
