@@ -153,11 +153,14 @@ fn girth_at(avatar: &Avatar, level_mm: f64) -> f64 {
 }
 
 #[test]
-fn a_still_mannequin_comes_back_within_a_millimeter() {
+fn a_still_mannequin_comes_back_within_millimeters_and_stands_on_the_floor() {
     let truth = avatar(Sex::Female, 70.0);
     let fit = Seen::still(&truth, 8).fit(&truth, &quick());
     let off = mean_distance(&fit.avatar, &truth);
-    assert!(off < 1.0, "{off}");
+    // A millimeter of it is the lowest point of the soles, which comes to lie on the floor.
+    assert!(off < 1.3, "{off}");
+    let (low, _) = fit.avatar.mesh.bounds().unwrap();
+    assert!(low.y.abs() < 1e-9, "{low}");
     assert!(fit.mean_iou().unwrap() > 0.985);
     fit.avatar.mesh.check().unwrap();
 }
@@ -279,7 +282,7 @@ fn a_camera_that_was_taken_for_another_is_found() {
         mean_distance(&held.avatar, &truth),
         mean_distance(&found.avatar, &truth),
     );
-    assert!(found < 2.0 && found < 0.6 * held, "{found} {held}");
+    assert!(found < 1.5 && found < 0.8 * held, "{found} {held}");
 }
 
 #[test]
