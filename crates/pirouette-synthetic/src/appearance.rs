@@ -36,13 +36,13 @@ const DIM: f32 = 1.0 / 16.0;
 ///
 /// It is near: its light decreases across the body, and the front is lit at a flat angle. A far one would light the inner
 /// side of the other arm and leg as much, since bodies cast no shadows here.
-const LAMP_MM: DVec3 = DVec3::new(900.0, 1300.0, 150.0);
+const LAMP_MM: DVec3 = DVec3::new(700.0, 1200.0, 200.0);
 
 /// Distance from which on surfaces get no more light, in mm: arms may reach the lamp
 const MIN_LAMP_MM: f64 = 300.0;
 
 /// Light on surfaces that face away from the lamp, and that is added at the turning axis to those that face it
-const SIDE_LIGHT: [f64; 2] = [0.06, 1.2];
+const SIDE_LIGHT: [f64; 2] = [0.03, 1.5];
 
 /// Light on the room at the left and the right of the photo
 const SIDE_ROOM: [f32; 2] = [0.15, 1.1];
@@ -138,19 +138,21 @@ fn side_gain(mesh: &render::SilhouetteMesh, positions: &[DVec3], camera: &Camera
             [(ambient + lamp * nearness * facing.max(0.0)) as f32; 3]
         })
         .collect();
-    // The renderer has a fixed light: it lights a body with the gains as color, and a white one. Below 1 it is not clipped.
+    // The renderer has a fixed light: it lights bodies with the gains as color, white, and black, which has the highlights
+    // alone. Below 1 it is not clipped.
     let shade = |colors: &[[f32; 3]], scale: f32| {
         let dark = move |color: [f32; 3]| color.map(|v| v * scale);
         render::shade_layer(mesh, positions, camera, dark, Some(colors)).color
     };
-    const SCALE: f32 = 0.4;
+    const SCALE: f32 = 0.3;
     let lit = shade(&gains, SCALE);
-    let white = shade(&vec![[1.0; 3]; positions.len()], SCALE);
+    let uniform = vec![[1.0; 3]; positions.len()];
+    let [white, black] = [SCALE, 0.0].map(|scale| shade(&uniform, scale));
     Grid::from_fn(camera.width_px, camera.height_px, |x, y| {
-        let (lit, white) = (lit[(x, y)][0], white[(x, y)][0]);
-        let renderer = white / SCALE;
+        let [lit, white, black] = [&lit, &white, &black].map(|picture| picture[(x, y)][0]);
+        let renderer = (white - black) / SCALE;
         if renderer > 0.0 {
-            lit / white / renderer
+            (lit - black) / SCALE / renderer.powi(2)
         } else {
             1.0
         }
@@ -179,15 +181,24 @@ mod tests {
         synthesize_in(&avatar, &options, &appearance)
     }
 
-    /// Returns the mean level of the person's left and right half in the photo, and of the room
+    /// Returns the mean level of the person's left and right half in the photo, and of the room behind no part of the person
     fn levels(scan: &SyntheticScan) -> [f64; 3] {
         let (photo, mask) = (&scan.scan.views[0].photo, &scan.truth.silhouettes[0]);
+        let (width, height) = (photo.width(), photo.height());
+        // The person covers less than half of some pixels outside the mask.
+        let near_person = |x: usize, y: usize| {
+            let rows = y.saturating_sub(3)..(y + 4).min(height);
+            let columns = x.saturating_sub(3)..(x + 4).min(width);
+            rows.into_iter()
+                .any(|y| columns.clone().any(|x| mask[(x, y)]))
+        };
         let mut sums = [(0.0, 0.0); 3];
-        for y in 0..photo.height() {
-            for x in 0..photo.width() {
-                let part = match (mask[(x, y)], 2 * x < photo.width()) {
+        for y in 0..height {
+            for x in 0..width {
+                let part = match (mask[(x, y)], 2 * x < width) {
                     (true, true) => 0,
                     (true, false) => 1,
+                    (false, _) if near_person(x, y) => continue,
                     (false, _) => 2,
                 };
                 sums[part].0 += photo[(x, y)].iter().map(|&v| f64::from(v)).sum::<f64>() / 3.0;
