@@ -79,7 +79,8 @@ pub(crate) fn excess_px(photo: &Photo, mask: &Mask) -> Option<f64> {
         // The person is to the right of a left edge.
         Some(if mask[(x, y)] { -beyond } else { beyond })
     };
-    median(&mut edges.filter_map(excess).collect())
+    let mut all: Vec<f64> = edges.filter_map(excess).collect();
+    median(&mut all)
 }
 
 /// Returns the pixels right of upright edges of a mask that have no other edge within reach in their row
@@ -101,7 +102,7 @@ fn upright_edges(mask: &Mask) -> Vec<(usize, usize)> {
     edges
 }
 
-fn median(values: &mut Vec<f64>) -> Option<f64> {
+fn median(values: &mut [f64]) -> Option<f64> {
     if values.len() < MIN_PROFILES {
         return None;
     }

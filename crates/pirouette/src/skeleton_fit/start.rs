@@ -135,7 +135,7 @@ pub(super) fn prepare(
                 turn: view.turn,
                 width_px: view.width_px,
                 height_px: view.height_px,
-                observed: joints.clone().map(|joint| {
+                observed: joints.map(|joint| {
                     joint.map(|keypoint| Observed {
                         position: keypoint.position,
                         sigma_px: keypoint_sigma_px(keypoint.confidence, stature_px),
