@@ -215,7 +215,7 @@ mod tests {
         let message = problem(&views(&with(0.785))).unwrap_or_default();
         assert!(message.contains("radians"), "{message}");
         assert!(message.contains("\"angle_deg\": 45 "), "{message}");
-        assert!(problem(&views(&[-1.571, 0.0, 1.571, 3.142])).is_some());
+        assert!(problem(&views(&[-1.571, 0.0, 1.571, std::f64::consts::PI])).is_some());
         let message = problem(&views(&with(0.125))).unwrap_or_default();
         assert!(message.contains("turns"), "{message}");
         for degrees in [with(45.0), with(0.5), vec![0.0; 8], vec![0.0, 1.571]] {
