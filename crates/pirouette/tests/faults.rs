@@ -1,5 +1,7 @@
 //! Mistakes in the input: corrected with a warning, or refused; never a confident wrong number.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use glam::DVec2;
 use pirouette::check::{CheckError, CheckWarning, check_scan};
 use pirouette::measure::Measure;
