@@ -19,6 +19,7 @@ use crate::formats::manifest;
 use crate::formats::manifest::{Manifest, ManifestView};
 use crate::formats::photo::decode_photo;
 use crate::source::Source;
+#[cfg(feature = "folders")]
 pub(crate) use find::PHOTO_EXTENSIONS;
 use find::{Listing, PhotoFolder};
 use keypoint_files::{AssignedFiles, check_common_links, paths_in_scan};
