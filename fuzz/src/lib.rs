@@ -6,7 +6,8 @@
 use std::sync::Arc;
 
 use pirouette_body::{Joint, ReferencePose};
-use pirouette_files::formats::{charts, manifest, mesh, openpose, photo, points};
+use pirouette_files::formats::keypoints::KeypointFile;
+use pirouette_files::formats::{charts, manifest, mesh, photo, points};
 use pirouette_files::scan_folder::{LoadOptions, load_source};
 use pirouette_files::source::Source;
 use pirouette_pose::{Photo, PoseModel, Region};
@@ -23,9 +24,16 @@ pub fn network(bytes: &[u8]) {
     assert!(found.mask.is_some());
 }
 
-/// A keypoint file: OpenPose JSON
+/// A keypoint file in any readable format, used for four photos
 pub fn keypoints(bytes: &[u8]) {
-    if let Ok(found) = openpose::parse_keypoints(bytes, 800, 1000) {
+    let Ok(file) = KeypointFile::parse(bytes) else {
+        return;
+    };
+    let photos = ["000.jpg", "045.jpg", "090.jpg", "135.jpg"];
+    for index in file.match_photos(&photos).into_iter().chain([None]) {
+        let Ok(found) = file.detection(index, 800, 1000) else {
+            continue;
+        };
         for joint in Joint::ALL {
             if let Some(keypoint) = found.keypoints.found(joint) {
                 assert!(keypoint.position.is_finite());
