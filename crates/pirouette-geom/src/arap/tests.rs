@@ -1,4 +1,7 @@
+use glam::DVec3;
+
 use super::*;
+use crate::tri_mesh::TriMesh;
 use proptest::prelude::*;
 
 /// A `columns` x `rows` board of squares, each split in two triangles, with randomly displaced corners

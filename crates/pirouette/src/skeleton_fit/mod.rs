@@ -13,6 +13,7 @@
 
 mod doubts;
 mod model;
+mod problem;
 mod scales;
 mod solve;
 mod start;
@@ -22,7 +23,6 @@ mod tests;
 mod turns;
 
 use glam::DVec3;
-use thiserror::Error;
 
 use crate::detect::detected_positions;
 use crate::scan::{CameraSetup, KeypointSource, View};
@@ -35,6 +35,7 @@ use scales::Frame;
 use solve::{Solution, solve};
 
 pub use doubts::CameraParameter;
+pub use problem::{SkeletonFitError, SkeletonFitWarning};
 pub use scales::{BoneScale, BoneScales, rescale_avatar};
 pub(crate) use start::keypoint_sigma_px;
 pub use swaps::SwapGroup;
@@ -148,146 +149,6 @@ pub struct Outlier {
     pub joint: Joint,
     /// Distance of the detected from the predicted joint, in px
     pub residual_px: f64,
-}
-
-/// Assumption or problem of the fit
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
-#[non_exhaustive]
-pub enum SkeletonFitWarning {
-    /// All lengths are in units of the assumed stature
-    #[error(
-        "the stature is unknown: all lengths assume {assumed_mm:.0} mm; give subject.stature_mm in scan.json"
-    )]
-    StatureUnknown {
-        /// Stature of the avatar, in mm
-        assumed_mm: f64,
-    },
-    /// The field of view was estimated, with little evidence
-    #[error(
-        "the field of view is unknown: {estimated_degrees:.1} degrees fit best; give camera.vertical_fov_deg in scan.json"
-    )]
-    FieldOfViewUnknown {
-        /// Vertical field of view in use, in degrees
-        estimated_degrees: f64,
-    },
-    /// The camera's height was estimated
-    #[error(
-        "the height of the camera is unknown: {estimated_mm:.0} mm fit best; give camera.height_mm in scan.json"
-    )]
-    CameraHeightUnknown {
-        /// Height in use, in mm
-        estimated_mm: f64,
-    },
-    /// A given parameter of the camera is inconsistent with the photos
-    #[error(
-        "{parameter} cannot be {given:.0}: {found:.0} fits far better and is assumed; correct it in scan.json"
-    )]
-    CameraContradicted {
-        /// The parameter
-        parameter: CameraParameter,
-        /// Its given value, in the unit of its key
-        given: f64,
-        /// Its value in use
-        found: f64,
-    },
-    /// The person stands beside the middle of the photos
-    #[error(
-        "the person stands beside the middle of the photos: a camera turned aside by {yaw_degrees:.1} degrees is assumed; \
-         do not crop the photos, and point the camera at the person"
-    )]
-    BesideMiddle {
-        /// Assumed yaw, in degrees; positive looks to the right of the person
-        yaw_degrees: f64,
-    },
-    /// The person turned in the opposite direction
-    #[error(
-        "the person turns to the own right: the turn angles were taken with the opposite sign; \
-         turn to the left, or reverse the angles"
-    )]
-    TurnedBackward,
-    /// The person turned by half of the given angles
-    #[error(
-        "the person turned by half of the turn angles only: half of them was assumed; make a complete turn, or correct \
-         angle_deg in scan.json"
-    )]
-    TurnsHalved,
-    /// Turn angle 0 is not where the person faces the camera
-    #[error(
-        "the person faces the camera at another angle than 0: {offset_degrees:.0} degrees were added to all turn angles"
-    )]
-    TurnsShifted {
-        /// Offset added to the angles, in degrees
-        offset_degrees: f64,
-    },
-    /// The view has the mean pose of the others
-    #[error("view {view} has no keypoints: it takes the mean pose of the other views")]
-    ViewWithoutKeypoints {
-        /// Its index
-        view: usize,
-    },
-    /// Bone lengths and camera are inconsistent with the stature
-    #[error(
-        "the skeleton comes out {solved_mm:.0} mm tall instead of {given_mm:.0} mm: \
-         check stature, camera height and field of view"
-    )]
-    StatureContradicted {
-        /// Given or assumed stature, in mm
-        given_mm: f64,
-        /// Stature of the scaled avatar, in mm
-        solved_mm: f64,
-    },
-    /// A bone length is unusual
-    #[error("{} is {factor:.2} times that of the reference avatar: check stature and keypoints", .scale.name())]
-    UnusualLength {
-        /// The bone length
-        scale: BoneScale,
-        /// Its factor
-        factor: f64,
-    },
-    /// The fit did not converge
-    #[error("the skeleton did not settle: poses may be off")]
-    NotConverged,
-}
-
-/// Error of [`fit_skeleton`]
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
-#[non_exhaustive]
-pub enum SkeletonFitError {
-    /// There are no views
-    #[error("there are no views")]
-    NoViews,
-    /// No view has usable keypoints
-    #[error("none of the {views} views has usable keypoints")]
-    NoKeypoints {
-        /// Number of views
-        views: usize,
-    },
-    /// There are too few keypoints for a body
-    #[error(
-        "the views have {found} usable keypoints in all, {} are needed",
-        start::MIN_JOINTS
-    )]
-    TooFewJoints {
-        /// Usable keypoints in all views
-        found: usize,
-    },
-    /// The keypoints do not determine the size of the person in the photo
-    #[error(
-        "no view tells the person's size in the photo: \
-         head and trunk must be seen above hips or legs"
-    )]
-    NoScale,
-    /// The stature is not that of a person
-    #[error(
-        "a stature of {stature_mm} mm is not that of a person ({MIN_STATURE_MM} to {MAX_STATURE_MM} mm)"
-    )]
-    StatureImplausible {
-        /// The given stature, in mm
-        stature_mm: f64,
-    },
-    /// The avatar is empty, flat or not finite
-    #[error("the reference avatar has no usable surface")]
-    AvatarUnusable,
 }
 
 /// Range of human statures, in mm; values outside suggest a wrong unit
