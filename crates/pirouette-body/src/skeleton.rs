@@ -343,6 +343,17 @@ impl Keypoints {
     }
 }
 
+impl FromIterator<(Joint, Keypoint)> for Keypoints {
+    /// Collects the joints that were found; the others are not found
+    fn from_iter<T: IntoIterator<Item = (Joint, Keypoint)>>(points: T) -> Self {
+        let mut keypoints = Self::default();
+        for (joint, keypoint) in points {
+            keypoints.set(joint, keypoint);
+        }
+        keypoints
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

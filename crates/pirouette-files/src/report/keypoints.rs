@@ -151,19 +151,17 @@ mod tests {
     use pirouette_body::Keypoint;
 
     fn at(points: &[(Joint, f64, f64)]) -> Keypoints {
-        let mut keypoints = Keypoints::default();
-        for &(joint, x, y) in points {
+        let keypoint = |&(joint, x, y)| {
             let position = DVec2::new(x, y);
-            let confidence = 0.6;
-            keypoints.set(
+            (
                 joint,
                 Keypoint {
                     position,
-                    confidence,
+                    confidence: 0.6,
                 },
-            );
-        }
-        keypoints
+            )
+        };
+        points.iter().map(keypoint).collect()
     }
 
     #[test]

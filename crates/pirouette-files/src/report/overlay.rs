@@ -191,19 +191,17 @@ mod tests {
     use pirouette_body::{Joint, Keypoint};
 
     fn keypoints(points: &[(Joint, f64, f64)]) -> Keypoints {
-        let mut keypoints = Keypoints::default();
-        for &(joint, x, y) in points {
+        let keypoint = |&(joint, x, y)| {
             let position = DVec2::new(x, y);
-            let confidence = 0.9;
-            keypoints.set(
+            (
                 joint,
                 Keypoint {
                     position,
-                    confidence,
+                    confidence: 0.9,
                 },
-            );
-        }
-        keypoints
+            )
+        };
+        points.iter().map(keypoint).collect()
     }
 
     #[test]

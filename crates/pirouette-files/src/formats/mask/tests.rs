@@ -20,19 +20,17 @@ fn is_other(x: u32, y: u32) -> bool {
 }
 
 fn keypoints() -> Keypoints {
-    let mut keypoints = Keypoints::default();
-    for (index, joint) in Joint::ALL.into_iter().enumerate() {
+    let keypoint = |(index, joint): (usize, Joint)| {
         let position = DVec2::new(18.0 + (index % 4) as f64 * 5.0, 24.0 + index as f64 * 3.0);
-        let confidence = 0.9;
-        keypoints.set(
+        (
             joint,
             Keypoint {
                 position,
-                confidence,
+                confidence: 0.9,
             },
-        );
-    }
-    keypoints
+        )
+    };
+    Joint::ALL.into_iter().enumerate().map(keypoint).collect()
 }
 
 fn png(image: impl Into<DynamicImage>) -> Vec<u8> {
