@@ -121,9 +121,10 @@ impl MeasureInput<'_> {
 fn detected_keypoints_sd(measure: Measure) -> f64 {
     match measure {
         Measure::Stature => 0.0,
-        Measure::BustGirth => 0.035,
-        Measure::BackLength | Measure::NapeToWaist => 0.025,
-        Measure::ShoulderWidth => 0.017,
+        Measure::ShoulderWidth => 0.030,
+        Measure::BustGirth | Measure::BackLength | Measure::NapeToWaist => 0.025,
+        Measure::CrotchHeight | Measure::FootLength => 0.015,
+        Measure::WaistGirth | Measure::ThighGirth => 0.010,
         _ => 0.007,
     }
 }
@@ -151,19 +152,13 @@ pub fn measure(input: &MeasureInput) -> Measurements {
             _ => lengths::measure_length(input, &marked, measure),
         };
         let keypoint_sd = input.detected_keypoints * detected_keypoints_sd(measure);
-        let doubtful = |value_mm| {
-            let keypoint_mm: f64 = keypoint_sd * value_mm;
-            let share_mm = contradiction * value_mm;
-            let extra_mm = input.extra_sd.of(measure, value_mm);
-            keypoint_mm
-                .hypot(extra_mm)
-                .hypot(if measure == Measure::Stature {
-                    0.0
-                } else {
-                    share_mm
-                })
+        let extra_sd = ExtraSd {
+            share: input.extra_sd.share.hypot(keypoint_sd).hypot(contradiction),
+            ..input.extra_sd
         };
-        let measured = measured.with_more_sd(doubtful).with_scale_sd(scale_sd);
+        let measured = measured
+            .with_more_sd(|value_mm| extra_sd.of(measure, value_mm))
+            .with_scale_sd(scale_sd);
         // Statistics of a mass that the body contradicts would only hide the contradiction.
         if contradiction > 0.0 {
             (measure, measured)

@@ -1,5 +1,7 @@
 use std::f64::consts::TAU;
 
+mod deviations;
+
 use glam::{DMat3, DVec3};
 use pirouette_geom::{Grid, TriMesh};
 use proptest::prelude::*;
@@ -382,24 +384,6 @@ fn measured(avatar: &Avatar, views: &[MeasureView], source: BodySource) -> Measu
 }
 
 #[test]
-fn detected_keypoints_widen_the_standard_deviations_and_change_no_value() {
-    let avatar = woman(1640.0);
-    let input = |detected_keypoints| MeasureInput {
-        detected_keypoints,
-        extra_sd: ExtraSd::default(),
-        ..input_of(&avatar, &[], BodySource::Fitted)
-    };
-    let (given, detected) = (measure(&input(0.0)), measure(&input(1.0)));
-    for ((measure, given), (_, detected)) in given.iter().zip(detected.iter()) {
-        assert_eq!(given.value_mm, detected.value_mm);
-        let wider = measure != Measure::Stature && given.sd_mm.is_some();
-        assert_eq!(detected.sd_mm > given.sd_mm, wider, "{measure:?}");
-    }
-    let bust = detected.get(Measure::BustGirth);
-    assert!(bust.sd_mm.unwrap() > 0.035 * bust.value_mm.unwrap());
-}
-
-#[test]
 fn without_views_the_body_alone_is_measured() {
     let avatar = woman(1640.0);
     let all = measured(&avatar, &[], BodySource::Fitted);
@@ -555,55 +539,4 @@ fn without_a_scale_lengths_are_in_units_of_the_stature() {
     assert!((share.unwrap() - expected).abs() < 1e-4);
     assert!(!bare.in_mm());
     assert!(bare.mass.is_none());
-}
-
-#[test]
-fn statistics_apply_only_with_given_sex_and_mass_and_are_reported() {
-    let avatar = woman(1640.0);
-    let plain = measured(&avatar, &[], BodySource::Fitted);
-    let volume_kg = plain.mass.expect("there is a body").mass_kg;
-    let with_mass = |mass_kg| {
-        measure(&MeasureInput {
-            stature_mm: Some(1640.0),
-            subject: Subject {
-                sex: Some(Sex::Female),
-                mass_kg: Some(mass_kg),
-                age_years: None,
-            },
-            ..input_of(&avatar, &[], BodySource::Fitted)
-        })
-    };
-    let supported = with_mass(1.08 * volume_kg);
-    let (before, after) = (
-        plain.get(Measure::NeckGirth),
-        supported.get(Measure::NeckGirth),
-    );
-    assert_eq!(after.method, Method::WithStatistics);
-    assert_eq!(after.pixels.map(|p| p.value_mm), before.value_mm.ok());
-    let prior = after.prior.expect("the survey includes necks").value_mm;
-    let (low, high) = (
-        prior.min(before.value_mm.unwrap()),
-        prior.max(before.value_mm.unwrap()),
-    );
-    assert!((low..=high).contains(&after.value_mm.unwrap()));
-    assert!(after.sd_mm < before.sd_mm);
-    assert_eq!(supported.get(Measure::WaistGirth).prior, None);
-    // A mass that the volume contradicts supports nothing.
-    let contradicted = with_mass(1.3 * volume_kg);
-    let doubted = contradicted.get(Measure::NeckGirth);
-    assert_eq!((doubted.prior, doubted.value_mm), (None, before.value_mm));
-    assert!(doubted.sd_mm > before.sd_mm);
-}
-
-#[test]
-fn the_mass_follows_from_the_volume() {
-    let avatar = woman(1640.0);
-    let mass = measured(&avatar, &[], BodySource::Fitted)
-        .mass
-        .expect("there is a body");
-    assert!((40.0..90.0).contains(&mass.mass_kg), "{mass:?}");
-    let larger = measured(&avatar.scaled_to(1968.0), &[], BodySource::Fitted)
-        .mass
-        .unwrap();
-    assert!((larger.volume_l / mass.volume_l / 1.728 - 1.0).abs() < 1e-6);
 }
