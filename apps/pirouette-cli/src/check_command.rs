@@ -13,9 +13,6 @@ use crate::output::Output;
 use crate::progress::Progress;
 use crate::scan_command::with_cause;
 
-/// Share of the photos with a serious finding above which a scan is refused
-const MAX_SERIOUS: f64 = 0.3;
-
 /// Runs the command
 pub fn run(args: &CheckArgs, output: Output, quiet: bool, cancel: &CancelToken) -> Result<()> {
     let progress = Progress::new(quiet);
@@ -35,20 +32,28 @@ pub fn run(args: &CheckArgs, output: Output, quiet: bool, cancel: &CancelToken) 
     });
     progress.finish();
     let (loaded, capture) = checked.map_err(|error| with_cause(error, &scan))?;
-    output.done(&table(&loaded, &capture), || to_json(&loaded, &capture))?;
-    let serious = serious_count(&capture);
-    if serious as f64 > MAX_SERIOUS * capture.findings.len() as f64 {
+    let refused = capture.refused_count();
+    // A failure has its own line of JSON, with the reason.
+    if output != Output::Json || refused.is_none() {
+        output.done(&table(&loaded, &capture), || to_json(&loaded, &capture))?;
+    }
+    if let Some(count) = refused {
         bail!(
-            "{}: {serious} photos do not show the complete person: the scan would be refused",
-            scan.display()
+            "{}: {count} photos do not show the complete person: the scan would be refused{}",
+            scan.display(),
+            first_finding(&loaded, &capture)
         );
     }
     Ok(())
 }
 
-fn serious_count(capture: &Capture) -> usize {
-    let serious = |found: &&Vec<_>| found.iter().any(pirouette::pipeline::Finding::is_serious);
-    capture.findings.iter().filter(serious).count()
+/// Returns the first finding with its photo
+fn first_finding(loaded: &LoadedScan, capture: &Capture) -> String {
+    let views = loaded.scan.views.iter().zip(&capture.findings);
+    let mut found = views.filter_map(|(view, found)| Some((view, found.first()?)));
+    found.next().map_or_else(String::new, |(view, finding)| {
+        format!(" ({}: {finding})", view.name)
+    })
 }
 
 /// Formats one line per photo, and the warnings about the complete scan

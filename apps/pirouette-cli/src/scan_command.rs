@@ -3,8 +3,6 @@
 use std::path::Path;
 
 use anyhow::{Context, Error, Result};
-use pirouette::body::ReferencePose;
-use pirouette::body::gltf::load_avatar_with_hull;
 use pirouette::pipeline;
 use pirouette::pipeline::{AvatarSource, CancelToken, Config, Goal};
 use pirouette::sizes::{Advice, Chart, advise_person};
@@ -32,7 +30,6 @@ pub fn run(
 ) -> Result<()> {
     let progress = Progress::new(quiet);
     let config = config(&args.method, goal)?;
-    check_avatar(&config.avatar, &progress)?;
     let formats: Vec<MeshFormat> = args.format.iter().map(|format| format.of_mesh()).collect();
     let exports: Vec<ExportFormat> = args.export.iter().map(|e| e.of_file()).collect();
     let charts = charts(args.chart.as_deref())?;
@@ -131,18 +128,6 @@ pub fn config(args: &MethodArgs, goal: Goal) -> Result<Config> {
         config.avatar = AvatarSource::File { name, bytes };
     }
     Ok(config)
-}
-
-/// Rejects an avatar before anything is computed, and reports how its surface was closed
-fn check_avatar(avatar: &AvatarSource, progress: &Progress) -> Result<()> {
-    if let AvatarSource::File { name, bytes } = avatar {
-        let loaded = load_avatar_with_hull(bytes, ReferencePose::A);
-        let (_, hull) = loaded.with_context(|| format!("avatar {name}"))?;
-        if let Some(hull) = hull {
-            progress.print_line(&format!("warning: {name}: {hull}"));
-        }
-    }
-    Ok(())
 }
 
 /// Returns the charts of a file, or the built-in ones

@@ -52,6 +52,15 @@ fn missing_feet_are_found_by_check_and_refused_by_scan() {
         1
     );
 
+    let json = pirouette(&["check", text(&scan), "--json"]).exits_with(1);
+    assert_eq!(json.stdout().lines().count(), 1);
+    let error = json.json_line()["error"].as_str().unwrap().to_owned();
+    assert!(error.contains("feet"), "{error}");
+
+    let flags = ["--format", "ply", "-q"];
+    let run = folders.run("reconstruct", &flags).exits_with(1);
+    assert!(run.stderr().contains("feet"), "{}", run.stderr());
+    assert!(!folders.out().join("body.ply").exists());
     let run = folders
         .run("scan", &["--format", "ply", "-q"])
         .exits_with(1);

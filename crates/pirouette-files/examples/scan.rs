@@ -41,6 +41,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             _ => {}
         },
     )?;
+    if let Some(refusal) = &done.report.refusal {
+        println!("refused: {refusal}");
+    }
     if let Some(measurements) = &done.report.measurements {
         for (measure, measured) in measurements.iter() {
             match &measured.value_mm {

@@ -302,6 +302,7 @@ fn page<'a>(
     Page {
         title,
         facts,
+        refusal: report.refusal.map(|refusal| refusal.to_string()),
         warnings: failed.chain(warnings).collect(),
         measurements: report
             .measurements

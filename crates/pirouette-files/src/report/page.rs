@@ -18,6 +18,8 @@ pub(crate) struct Page<'a> {
     pub title: &'a str,
     /// Name and value, for instance the number of usable views
     pub facts: Vec<(&'static str, String)>,
+    /// Why there is no body
+    pub refusal: Option<String>,
     /// Automatic corrections and excluded views
     pub warnings: Vec<String>,
     /// In the order of the table
@@ -56,6 +58,7 @@ table { border-collapse: collapse; }
 th, td { padding: .2rem .8rem; border-bottom: 1px solid #8885; text-align: left; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 .wide { overflow-x: auto; }
+.refusal { border-left: 4px solid #d33; padding-left: .6rem; font-weight: bold; }
 .warnings li { border-left: 4px solid #e6a100; padding-left: .6rem; margin: .3rem 0; list-style: none; }
 .warnings ul { padding: 0; }
 .views { display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: 1rem; }
@@ -89,6 +92,10 @@ pub(crate) fn write_page(page: &Page) -> String {
             .collect();
         let line = escape_html(&facts.join(" · "));
         add(&mut html, format_args!("<p>{line}</p>\n"));
+    }
+    if let Some(refusal) = &page.refusal {
+        let text = escape_html(refusal);
+        add(&mut html, format_args!("<p class=\"refusal\">{text}</p>\n"));
     }
     add_warnings(&mut html, &page.warnings);
     add_measurements(&mut html, &page.measurements);
@@ -333,6 +340,7 @@ mod tests {
         Page {
             title: "anna & <ben>",
             facts: vec![("views", "2 of 3".into())],
+            refusal: Some("no body: <b>".into()),
             warnings: vec!["view \"x\" is rejected: <script>alert('hi')</script>".into()],
             measurements: vec![
                 (Measure::CalfGirth, measured(Ok(360.6))),
@@ -390,6 +398,7 @@ mod tests {
             "too few views show it",
             "<th>all</th><td class=\"number\">1.75</td>",
             "views: 2 of 3",
+            "<p class=\"refusal\">no body: &lt;b&gt;</p>",
             "<th>shop &lt;b&gt;</th><td>M (80 %)</td>",
         ] {
             assert!(html.contains(expected), "{expected} in {html}");
@@ -402,6 +411,7 @@ mod tests {
         let html = write_page(&Page {
             title: "",
             facts: Vec::new(),
+            refusal: None,
             warnings: Vec::new(),
             measurements: Vec::new(),
             sizes: Vec::new(),

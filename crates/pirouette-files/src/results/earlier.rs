@@ -39,7 +39,7 @@ impl EarlierResult {
         }
     }
 
-    /// Removes the files that tell other programs that there is a result
+    /// Removes the files from which other programs read the result
     pub(super) fn remove_summary(&self) {
         for name in SUMMARY {
             if self.files.iter().any(|file| file == name) {

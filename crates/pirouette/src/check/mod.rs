@@ -119,6 +119,12 @@ fn drop_corner_joints(view: &mut View) {
     }
 }
 
+/// Returns the median, the upper one of an even number of values
+pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
 /// Returns the found joints' bounding box, in px
 fn joint_box(keypoints: &Keypoints) -> Option<(DVec2, DVec2)> {
     let found = Joint::ALL.iter().filter_map(|&j| keypoints.found(j));

@@ -2,6 +2,7 @@
 
 use glam::DVec2;
 
+use super::median;
 use crate::scan::View;
 use pirouette_body::{Joint, Keypoints, ReferencePose};
 
@@ -26,8 +27,7 @@ pub(super) fn pose_by_joints(views: &[View]) -> Option<ReferencePose> {
     if angles.len() < MIN_ARMS {
         return None;
     }
-    angles.sort_by(f64::total_cmp);
-    let angle = angles[angles.len() / 2];
+    let angle = median(&mut angles)?;
     if angle < CERTAIN_DEGREES[0] {
         Some(ReferencePose::T)
     } else if angle > CERTAIN_DEGREES[1] {

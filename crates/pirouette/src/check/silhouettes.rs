@@ -1,7 +1,8 @@
-//! What silhouettes tell about the photos: people who are cut off by the border, and blur.
+//! People who are cut off by the border, blur, and masks beside the edges of the photos.
 
 use pirouette_geom::Mask;
 
+use super::median;
 use crate::scan::Photo;
 
 /// Minimum extent of a cut along the border, as a share of the photo's height
@@ -58,10 +59,11 @@ pub(crate) fn blur_px(photo: &Photo, mask: &Mask) -> Option<f64> {
         return None;
     }
     let blurs = upright_edges(mask).into_iter();
-    let mut blurs: Vec<f64> = blurs
-        .filter_map(|(x, y)| blur_of_profile(photo, x, y))
-        .collect();
-    median(&mut blurs)
+    typical(
+        blurs
+            .filter_map(|(x, y)| blur_of_profile(photo, x, y))
+            .collect(),
+    )
 }
 
 /// Returns how far a given mask reaches beyond the edges of the photo, in px; negative if it is too narrow, `None` where
@@ -79,8 +81,7 @@ pub(crate) fn excess_px(photo: &Photo, mask: &Mask) -> Option<f64> {
         // The person is to the right of a left edge.
         Some(if mask[(x, y)] { -beyond } else { beyond })
     };
-    let mut all: Vec<f64> = edges.filter_map(excess).collect();
-    median(&mut all)
+    typical(edges.filter_map(excess).collect())
 }
 
 /// Returns the pixels right of upright edges of a mask that have no other edge within reach in their row
@@ -102,12 +103,9 @@ fn upright_edges(mask: &Mask) -> Vec<(usize, usize)> {
     edges
 }
 
-fn median(values: &mut [f64]) -> Option<f64> {
-    if values.len() < MIN_PROFILES {
-        return None;
-    }
-    values.sort_by(f64::total_cmp);
-    Some(values[values.len() / 2])
+/// Returns the median of a sufficient number of profiles
+fn typical(mut values: Vec<f64>) -> Option<f64> {
+    (values.len() >= MIN_PROFILES).then(|| median(&mut values))?
 }
 
 /// Returns whether a row has an edge near a column

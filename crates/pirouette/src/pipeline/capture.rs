@@ -3,6 +3,7 @@
 use thiserror::Error;
 
 use crate::check::{Border, blur_px, is_cut_off};
+use crate::pipeline::verdict::MAX_CUT_OFF;
 use crate::pipeline::{AvatarSource, PipelineError, make_avatar, render_priors};
 use crate::scan::{Photo, Scan};
 use crate::skeleton_fit::{
@@ -64,8 +65,8 @@ impl Finding {
         }
     }
 
-    /// Returns whether a scan with many such photos is refused
-    pub fn is_serious(&self) -> bool {
+    /// Returns whether many such photos give no body
+    fn is_serious(&self) -> bool {
         matches!(self, Finding::FeetOutside | Finding::HeadOutside)
     }
 }
@@ -81,6 +82,15 @@ pub struct Capture {
     pub findings: Vec<Vec<Finding>>,
 }
 
+impl Capture {
+    /// Returns the number of photos that do not show the complete person if they are so many that the scan is refused
+    pub fn refused_count(&self) -> Option<usize> {
+        let serious = |found: &&Vec<Finding>| found.iter().any(Finding::is_serious);
+        let count = self.findings.iter().filter(serious).count();
+        (count as f64 > MAX_CUT_OFF * self.findings.len() as f64).then_some(count)
+    }
+}
+
 /// Checks the photos of a scan by a skeleton that is fitted to their keypoints
 ///
 /// Takes a small part of the time of a scan: nothing is segmented.
@@ -88,7 +98,7 @@ pub struct Capture {
 /// # Errors
 /// When the avatar cannot be used, or no skeleton fits.
 pub fn check_capture(scan: &Scan, source: &AvatarSource) -> Result<Capture, PipelineError> {
-    let avatar = make_avatar(scan, source)?;
+    let (avatar, _) = make_avatar(scan, source)?;
     let views: Vec<KeypointView> = scan.views.iter().map(KeypointView::from).collect();
     let options = SkeletonFitOptions::default();
     let (skeleton, views) = fit_skeleton(&avatar, &views, &scan.camera, scan.stature_mm, &options)?;

@@ -140,7 +140,11 @@ impl<'a> Job<'a> {
 
     pub(super) fn make_avatar(&mut self) -> Result<Avatar, PipelineError> {
         let (scan, source) = (self.scan, &self.config.avatar);
-        self.stage(Stage::Avatar, 1, |_| make_avatar(scan, source))?
+        let (avatar, hull) = self.stage(Stage::Avatar, 1, |_| make_avatar(scan, source))??;
+        if let Some(hull) = hull {
+            self.warn(Warning::AvatarClosed(hull));
+        }
+        Ok(avatar)
     }
 
     /// Fits one skeleton to all views; optional if only silhouettes are requested
@@ -449,22 +453,7 @@ impl<'a> Job<'a> {
         if detected_keypoints > 0.0 {
             self.warn(Warning::KeypointsDetected);
         }
-        if let Some(overlap) = doubts.overlap {
-            self.warn(Warning::LowOverlap { overlap });
-        }
-        if let Some(blur_mm) = doubts.blur_mm {
-            self.warn(Warning::Blurred { blur_mm });
-        }
-        if let Some(excess_mm) = doubts.excess_mm {
-            self.warn(Warning::MasksOffEdges { excess_mm });
-        }
-        if let Some(px_mm) = doubts.px_mm {
-            self.warn(Warning::SmallPerson { px_mm });
-        }
-        if doubts.cut_arms > 0 {
-            let view_count = doubts.cut_arms;
-            self.warn(Warning::ArmsCutOff { view_count });
-        }
+        doubts.warnings().into_iter().for_each(|w| self.warn(w));
         if let Some(mass) = found
             .mass
             .as_ref()

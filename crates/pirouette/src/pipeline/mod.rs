@@ -218,11 +218,8 @@ fn find_body(job: &mut Job, report: &mut Report) -> Result<(), PipelineError> {
         return Ok(());
     }
     let normalized_outlines = job.carve(report)?;
-    if goal < Goal::Measure {
-        return Ok(());
-    }
     report.refusal = verdict::judge(job.scan(), report);
-    if report.refusal.is_some() {
+    if goal < Goal::Measure || report.refusal.is_some() {
         return Ok(());
     }
     job.measure(report, normalized_outlines)

@@ -36,7 +36,9 @@ pub struct Report {
     pub colors: Option<SurfaceColors>,
     /// The visual hull of the normalized silhouettes, if requested
     pub hull: Option<TriMesh>,
-    /// Why the body was not measured
+    /// Why the body is not a result: it does not match the photos, or they do not show the complete person
+    ///
+    /// Then there are no measurements, and the body is only for pictures.
     pub refusal: Option<Refusal>,
     /// Measurements of the body
     pub measurements: Option<Measurements>,

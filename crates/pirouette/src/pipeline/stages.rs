@@ -1,6 +1,6 @@
 //! Stages as functions from views to results, for the pipeline and for studies of single stages.
 
-use pirouette_body::gltf::load_avatar;
+use pirouette_body::gltf::{HullUsed, load_avatar_with_hull};
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::render::SilhouetteMesh;
 use pirouette_body::{Avatar, Pose};
@@ -20,11 +20,15 @@ use crate::scan::Scan;
 use crate::skeleton_fit::SkeletonView;
 use crate::view::SolvedView;
 
-/// Builds or loads the reference avatar of a job, at the stature of the person
+/// Builds or loads the reference avatar of a job, at the stature of the person; also returns how the surface of a file was
+/// closed
 ///
 /// # Errors
 /// When there is no such mannequin, or the file cannot be used.
-pub fn make_avatar(scan: &Scan, source: &AvatarSource) -> Result<Avatar, PipelineError> {
+pub fn make_avatar(
+    scan: &Scan,
+    source: &AvatarSource,
+) -> Result<(Avatar, Option<HullUsed>), PipelineError> {
     match source {
         AvatarSource::Mannequin { sex, mass_kg } => {
             let parameters = MannequinParameters {
@@ -34,17 +38,19 @@ pub fn make_avatar(scan: &Scan, source: &AvatarSource) -> Result<Avatar, Pipelin
                 pose: scan.pose,
                 ..MannequinParameters::default()
             };
-            Ok(mannequin(&parameters)?)
+            Ok((mannequin(&parameters)?, None))
         }
         AvatarSource::File { name, bytes } => {
-            let avatar = load_avatar(bytes, scan.pose).map_err(|source| PipelineError::Avatar {
+            let loaded = load_avatar_with_hull(bytes, scan.pose);
+            let (avatar, hull) = loaded.map_err(|source| PipelineError::Avatar {
                 name: name.clone(),
                 source,
             })?;
-            Ok(match scan.stature_mm {
+            let avatar = match scan.stature_mm {
                 Some(stature_mm) => avatar.scaled_to(stature_mm),
                 None => avatar,
-            })
+            };
+            Ok((avatar, hull))
         }
     }
 }

@@ -1,18 +1,18 @@
 //! Judgment of a fitted body before it is measured: refuse, or widen the standard deviations.
 //!
-//! A mistake in the input leaves a body that does not match the photos. How well the posed body covers the silhouettes
-//! tells most of them, whatever their cause.
+//! A mistake in the input leaves a body that does not match the photos. A low overlap of the posed body with the silhouettes
+//! reveals most mistakes, whatever their cause.
 
 use thiserror::Error;
 
-use crate::check::{Border, blur_px, cut_off_views, excess_px};
+use crate::check::{Border, blur_px, cut_off_views, excess_px, median};
 use crate::measure::ExtraSd;
-use crate::pipeline::Report;
+use crate::pipeline::{Report, Warning};
 use crate::scan::Scan;
 use pirouette_body::Joint;
 use pirouette_geom::parallel::prelude::*;
 
-/// Mean overlap (IoU) of the posed body with the silhouettes below which a body is not measured
+/// Mean overlap (IoU) of the posed body with the silhouettes below which a body is refused
 ///
 /// Of bodies below 0.95, three of four are 45 mm or more off at some girth; healthy scans reach 0.96.
 const MIN_OVERLAP: f64 = 0.94;
@@ -21,8 +21,8 @@ const MIN_OVERLAP: f64 = 0.94;
 const GOOD_OVERLAP: f64 = 0.962;
 const SHARE_AT_MIN: f64 = 0.05;
 
-/// Share of the views that a border of the photo may cut off
-const MAX_CUT_OFF: f64 = 0.3;
+/// Share of the views in which a border of the photo may cut off the feet or the head
+pub(super) const MAX_CUT_OFF: f64 = 0.3;
 
 /// Standard deviation due to an unknown field of view, as a share of a value
 ///
@@ -59,13 +59,13 @@ const ERROR_PER_PX: f64 = 0.2;
 /// Blurred photos of rendered people: girths of 290 to 970 mm are 0 to 24 mm too large at a blur of 6 mm.
 const ERROR_PER_BLUR: f64 = 0.3;
 
-/// Why a body is not measured
+/// Why a job has no body and no measurements
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[non_exhaustive]
 pub enum Refusal {
     /// The body does not match the silhouettes
     #[error(
-        "no measurements: the body matches the silhouettes with an overlap of only {overlap:.2}; {}; see contact.jpg",
+        "no body and no measurements: the body matches the silhouettes with an overlap of only {overlap:.2}; {}; see contact.jpg",
         advice(*given_masks)
     )]
     NoMatch {
@@ -76,16 +76,16 @@ pub enum Refusal {
     },
     /// The keypoints lie beside the person
     #[error(
-        "no measurements: the keypoints lie {shift_px:.0} px beside the silhouettes; \
+        "no body and no measurements: the keypoints lie {shift_px:.0} px beside the silhouettes; \
          check that they belong to these photos (crop, size)"
     )]
     KeypointsShifted {
-        /// Mean shift to the right, in px
+        /// Median shift to the right, in px
         shift_px: f64,
     },
     /// The photos do not show the feet
     #[error(
-        "no measurements: the feet are outside the photo in {view_count} views; show the person from head to toe"
+        "no body and no measurements: the feet are outside the photo in {view_count} views; show the person from head to toe"
     )]
     FeetCutOff {
         /// Number of these views
@@ -93,7 +93,7 @@ pub enum Refusal {
     },
     /// The photos do not show the head
     #[error(
-        "no measurements: the head is outside the photo in {view_count} views; show the person from head to toe"
+        "no body and no measurements: the head is outside the photo in {view_count} views; show the person from head to toe"
     )]
     HeadCutOff {
         /// Number of these views
@@ -121,7 +121,7 @@ fn advice(given_masks: bool) -> &'static str {
     }
 }
 
-/// Returns why the body must not be measured, if there is a reason
+/// Returns why the body must be refused, if there is a reason
 pub(super) fn judge(scan: &Scan, report: &Report) -> Option<Refusal> {
     let count = report.views.len();
     let masks = || report.views.iter().map(|view| &view.silhouette.mask);
@@ -153,7 +153,7 @@ pub(super) fn judge(scan: &Scan, report: &Report) -> Option<Refusal> {
     })
 }
 
-/// Returns the mean horizontal shift of the keypoints from the joints of the fitted body, in px
+/// Returns the median horizontal shift of the keypoints from the joints of the fitted body, in px
 ///
 /// Offsets of a detector from the joints cancel over left and right, front and back.
 fn keypoint_shift_px(report: &Report) -> Option<f64> {
@@ -172,54 +172,74 @@ fn keypoint_shift_px(report: &Report) -> Option<f64> {
             Joint::ALL.into_iter().filter_map(shift).collect::<Vec<_>>()
         })
         .collect();
-    shifts.sort_by(f64::total_cmp);
-    shifts.get(shifts.len() / 2).copied()
+    median(&mut shifts)
 }
 
 /// What makes the measurements of a job less accurate than usual
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Doubts {
     /// Mean overlap of the body with the silhouettes, if it is low
-    pub(super) overlap: Option<f64>,
+    overlap: Option<f64>,
     /// Blur of the photos, in mm at the person, if it is large
-    pub(super) blur_mm: Option<f64>,
+    blur_mm: Option<f64>,
     /// Size of a pixel at the person, in mm, if it is large
-    pub(super) px_mm: Option<f64>,
+    px_mm: Option<f64>,
     /// Yaw of the camera, if the person stands beside the middle of the photos
-    pub(super) yaw_radians: f64,
+    yaw_radians: f64,
     /// Distance by which given masks reach beyond the edges of the photos, in mm at the person, if it is large
-    pub(super) excess_mm: Option<f64>,
-    /// Estimated pitch of the camera
-    pub(super) pitch_radians: f64,
+    excess_mm: Option<f64>,
+    /// Estimated pitch of the camera, if it is large
+    pitch_degrees: Option<f64>,
     /// Whether the field of view was estimated
-    pub(super) unknown_fov: bool,
+    unknown_fov: bool,
     /// Number of views in which the photo's border cuts off an arm
-    pub(super) cut_arms: usize,
+    cut_arms: usize,
 }
 
 impl Doubts {
     pub(super) fn of(scan: &Scan, report: &Report) -> Self {
         let overlap = report.mean_fit_iou().filter(|&iou| iou < GOOD_OVERLAP);
         let masks = report.views.iter().map(|view| &view.silhouette.mask);
-        let yaw_radians = report
-            .skeleton
-            .as_ref()
-            .map_or(0.0, |s| s.camera.yaw_radians);
-        let given_pitch = scan.camera.pitch_radians.is_some();
-        let pitch_radians = match &report.skeleton {
-            Some(skeleton) if !given_pitch => skeleton.camera.pitch_radians,
-            _ => 0.0,
-        };
+        let skeleton = report.skeleton.as_ref();
+        let free = skeleton.filter(|_| scan.camera.pitch_radians.is_none());
+        let pitch_degrees = free.map(|skeleton| skeleton.camera.pitch_radians.to_degrees());
         Self {
             overlap,
             blur_mm: blur_mm(scan, report).filter(|&blur| blur > USUAL_BLUR_MM),
             px_mm: px_mm(report).filter(|&size| size > USUAL_PX_MM),
             excess_mm: excess_mm(scan, report),
-            pitch_radians,
-            yaw_radians,
+            pitch_degrees: pitch_degrees.filter(|pitch| pitch.abs() > USUAL_PITCH_DEGREES),
+            yaw_radians: skeleton.map_or(0.0, |skeleton| skeleton.camera.yaw_radians),
             unknown_fov: scan.camera.vertical_fov_radians.is_none(),
             cut_arms: cut_off_views(masks, Border::Side),
         }
+    }
+
+    /// Returns the warnings that state them; those of yaw and field of view are the skeleton's
+    pub(super) fn warnings(&self) -> Vec<Warning> {
+        let Self {
+            overlap,
+            blur_mm,
+            px_mm,
+            excess_mm,
+            pitch_degrees,
+            cut_arms,
+            ..
+        } = *self;
+        let cut_off = (cut_arms > 0).then_some(Warning::ArmsCutOff {
+            view_count: cut_arms,
+        });
+        [
+            overlap.map(|overlap| Warning::LowOverlap { overlap }),
+            blur_mm.map(|blur_mm| Warning::Blurred { blur_mm }),
+            excess_mm.map(|excess_mm| Warning::MasksOffEdges { excess_mm }),
+            px_mm.map(|px_mm| Warning::SmallPerson { px_mm }),
+            pitch_degrees.map(|pitch_degrees| Warning::CameraTilted { pitch_degrees }),
+            cut_off,
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
     }
 
     /// Returns the additional standard deviation of the measurements
@@ -234,8 +254,9 @@ impl Doubts {
         } else {
             0.0
         };
-        let tilt = (self.pitch_radians.to_degrees().abs() - USUAL_PITCH_DEGREES).max(0.0)
-            * SHARE_PER_PITCH_DEGREE;
+        let tilt = self.pitch_degrees.map_or(0.0, |pitch| {
+            (pitch.abs() - USUAL_PITCH_DEGREES) * SHARE_PER_PITCH_DEGREE
+        });
         let blur_mm = self.blur_mm.map_or(0.0, |blur| {
             ERROR_PER_BLUR * (blur * blur - USUAL_BLUR_MM * USUAL_BLUR_MM).sqrt()
         });
@@ -263,8 +284,7 @@ fn blur_mm(scan: &Scan, report: &Report) -> Option<f64> {
         })
     };
     let mut blurs: Vec<f64> = report.views.par_iter().filter_map(blur).collect();
-    blurs.sort_by(f64::total_cmp);
-    blurs.get(blurs.len() / 2).copied()
+    median(&mut blurs)
 }
 
 /// Returns the size of a pixel at the turning axis, in mm
@@ -280,9 +300,6 @@ fn excess_mm(scan: &Scan, report: &Report) -> Option<f64> {
         excess_px(&scan.photo, scan.mask.as_ref()?)
     };
     let mut all: Vec<f64> = report.views.par_iter().filter_map(excess).collect();
-    all.sort_by(f64::total_cmp);
-    let excess = all
-        .get(all.len() / 2)
-        .filter(|excess| excess.abs() > USUAL_EXCESS_PX)?;
+    let excess = median(&mut all).filter(|excess| excess.abs() > USUAL_EXCESS_PX)?;
     Some(excess * px_mm(report)?)
 }

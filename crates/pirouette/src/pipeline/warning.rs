@@ -7,6 +7,7 @@ use crate::normalize::NormalizeWarning;
 use crate::pipeline::{DropReason, Stage};
 use crate::skeleton_fit::{SkeletonFitError, SkeletonFitWarning, SwapGroup};
 use pirouette_body::Joint;
+use pirouette_body::gltf::HullUsed;
 
 /// An automatic correction, a rejected view or an inconsistency; the job continues
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -23,6 +24,8 @@ pub enum Warning {
         "no skeleton fits all views; each photo is segmented with the bones detected in it: {0}"
     )]
     NoSkeleton(SkeletonFitError),
+    #[error("avatar: {0}")]
+    AvatarClosed(HullUsed),
     #[error("{0}")]
     Skeleton(SkeletonFitWarning),
     #[error("view {view}: swapped left and right were corrected ({})", limb.name())]
@@ -35,7 +38,7 @@ pub enum Warning {
     },
     #[error(
         "keypoints were detected in the photos: standard deviations are larger than with given keypoints, most of all \
-         for bust girth and back length"
+         for shoulder width, bust girth and back length"
     )]
     KeypointsDetected,
     #[error(
@@ -57,6 +60,11 @@ pub enum Warning {
          take larger photos, or stand nearer"
     )]
     SmallPerson { px_mm: f64 },
+    #[error(
+        "the camera seems to be tilted by {pitch_degrees:.1} degrees, or the photos to be cropped at one end: \
+         standard deviations are larger; hold the camera level"
+    )]
+    CameraTilted { pitch_degrees: f64 },
     #[error("arms or hands are outside the photo in {view_count} views")]
     ArmsCutOff { view_count: usize },
     #[error(
@@ -89,7 +97,9 @@ impl Warning {
             | Warning::Outlier { view, .. }
             | Warning::Normalize { view, .. } => Some(view),
             Warning::NoSkeleton(_)
+            | Warning::AvatarClosed(_)
             | Warning::Skeleton(_)
+            | Warning::CameraTilted { .. }
             | Warning::KeypointsDetected
             | Warning::LowOverlap { .. }
             | Warning::Blurred { .. }
@@ -106,6 +116,7 @@ impl Warning {
         match self {
             Warning::ViewDropped { .. } => "view_dropped",
             Warning::NoSkeleton(_) => "no_skeleton",
+            Warning::AvatarClosed(_) => "avatar_closed",
             Warning::Skeleton(warning) => match warning {
                 SkeletonFitWarning::StatureUnknown { .. } => "stature_unknown",
                 SkeletonFitWarning::FieldOfViewUnknown { .. } => "field_of_view_unknown",
@@ -127,6 +138,7 @@ impl Warning {
             Warning::Blurred { .. } => "blurred",
             Warning::MasksOffEdges { .. } => "masks_off_edges",
             Warning::SmallPerson { .. } => "small_person",
+            Warning::CameraTilted { .. } => "camera_tilted",
             Warning::ArmsCutOff { .. } => "arms_cut_off",
             Warning::MassContradicted { .. } => "mass_contradicted",
             Warning::TapesDiffer { .. } => "tapes_differ",
