@@ -154,6 +154,7 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
         subject: Subject::default(),
         given_masks: 0.0,
         detected_keypoints: 0.0,
+        estimated_keypoints: 0.0,
         extra_sd: pirouette::measure::ExtraSd::default(),
     };
     c.bench_function("measure", |b| b.iter(|| measure(&input)));

@@ -9,7 +9,7 @@ use pirouette::sizes::{Advice, Chart, advise_person};
 use pirouette_files::formats::charts::{built_in_charts, parse_charts};
 use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
-use pirouette_files::job::{FinishedJob, JobError, JobOptions, run_job};
+use pirouette_files::job::{FinishedJob, JobError, JobOptions, KeypointChoice, run_job};
 use pirouette_files::results::{ResultOptions, remove_results};
 use pirouette_files::scan_folder::{GivenKeypoints, open_source};
 use pirouette_files::source::Source;
@@ -43,16 +43,21 @@ pub fn run(
     };
     let scale = args.scale.map(|source| source.of_job());
     let pose_model = pose_model(args.pose_model.as_deref())?;
-    let keypoints = match &args.keypoints {
+    let files = match &args.keypoints {
         Some(KeypointInput::Files(path)) => {
             Some(GivenKeypoints::open(path).context("--keypoints")?)
         }
-        None => None,
+        Some(KeypointInput::None) | None => None,
+    };
+    let keypoints = match (&args.keypoints, &files) {
+        (Some(KeypointInput::None), _) => KeypointChoice::Estimate,
+        (_, Some(files)) => KeypointChoice::Files(files),
+        (_, None) => KeypointChoice::Best,
     };
     let job_options = JobOptions {
         scale,
         pose_model: pose_model.as_ref(),
-        keypoints: keypoints.as_ref(),
+        keypoints,
     };
     let job = || scan_source(source, &config, &job_options, &progress, cancel);
     // The result of an earlier scan is not that of this one, even if this one fails.
@@ -106,6 +111,9 @@ pub fn with_cause(error: JobError, scan: &Path) -> Error {
     match error {
         JobError::Card(error) => Error::new(error).context("--scale card"),
         JobError::Pipeline(error) => Error::new(error).context(scan.display().to_string()),
+        error @ (JobError::Estimate(_) | JobError::Background(_)) => {
+            Error::new(error).context(scan.display().to_string())
+        }
         JobError::Check(error) => Error::new(error).context(scan.display().to_string()),
         error => error.into(),
     }

@@ -38,7 +38,6 @@ fn invalid_usage_exits_with_2() {
         &["scan", "x", "--format", "doc"],
         &["scan", "x", "--method", "magic"],
         &["scan", "x", "--jobs", "0"],
-        &["scan", "x", "--keypoints", "none"],
         &["arap"],
         &[],
     ] {

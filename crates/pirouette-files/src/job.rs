@@ -11,6 +11,7 @@ use web_time::Instant;
 
 use pirouette::check::{CheckError, check_scan};
 use pirouette::detect::detect_keypoints;
+use pirouette::estimate::{EstimateError, estimate_keypoints};
 use pirouette::pipeline::{
     self, AvatarSource, CancelToken, Capture, Config, Event, Goal, PipelineError, Report, Stage,
     check_capture,
@@ -28,7 +29,7 @@ use crate::results::write_results;
 use crate::results::{ResultError, ResultOptions, make_artifacts, result_value};
 use crate::scan_folder::{
     FailedView, GivenKeypoints, LoadOptions, LoadedScan, ScanError, ScanWarning, ViewError,
-    load_source,
+    WithoutKeypoints, load_source,
 };
 use crate::source::Source;
 
@@ -74,6 +75,15 @@ pub enum JobError {
     /// The scale cannot be computed from the size of a pixel
     #[error("camera.mm_per_px: {0}")]
     PixelSize(#[source] ScaleError),
+    /// The photo of the room without the person cannot be used
+    #[error("the photo of the background: {0}")]
+    Background(#[source] ViewError),
+    /// There are no keypoints, and they cannot be estimated
+    #[error(
+        "there are no keypoints, and they cannot be estimated: {0}; \
+         or install the pose detector with 'pirouette models install'"
+    )]
+    Estimate(#[source] EstimateError),
     /// The photos cannot give a body
     #[error(transparent)]
     Check(#[from] CheckError),
@@ -98,10 +108,24 @@ pub struct FinishedJob {
 pub struct JobOptions<'a> {
     /// Source of the scale if the manifest contains neither the stature nor the size of a pixel
     pub scale: Option<ScaleSource>,
-    /// Detects keypoints in photos without a keypoint file; without it, they are unusable
+    /// Detects keypoints in photos without a keypoint file
+    ///
+    /// Without it, keypoints are estimated if no photo has any; otherwise, photos without keypoints are unusable.
     pub pose_model: Option<&'a PoseModel>,
-    /// Keypoint files that replace those in the scan
-    pub keypoints: Option<&'a GivenKeypoints>,
+    /// Source of the keypoints
+    pub keypoints: KeypointChoice<'a>,
+}
+
+/// Source of the keypoints of a job
+#[derive(Debug, Clone, Copy, Default)]
+pub enum KeypointChoice<'a> {
+    /// The files in the scan, otherwise the detector, otherwise an estimate
+    #[default]
+    Best,
+    /// These files instead of those in the scan
+    Files(&'a GivenKeypoints),
+    /// An estimate, from the photos and the turn angles alone
+    Estimate,
 }
 
 /// Loads a scan, detects missing keypoints, determines the scale, and computes up to the goal of `config`
@@ -171,8 +195,15 @@ fn prepare(
     let load_options = LoadOptions {
         // Silhouettes may come from photos of any size; only a body requires a single camera.
         one_shape: goal > Goal::Segment,
-        without_keypoints: options.pose_model.is_some(),
-        keypoints: options.keypoints,
+        without_keypoints: match (options.keypoints, options.pose_model) {
+            (KeypointChoice::Estimate, _) | (_, Some(_)) => WithoutKeypoints::Loaded,
+            (_, None) => WithoutKeypoints::LoadedIfAll,
+        },
+        ignore_keypoint_files: matches!(options.keypoints, KeypointChoice::Estimate),
+        keypoints: match options.keypoints {
+            KeypointChoice::Files(files) => Some(files),
+            KeypointChoice::Best | KeypointChoice::Estimate => None,
+        },
         ..LoadOptions::default()
     };
     let mut loaded = load_source(source, &load_options)?;
@@ -181,9 +212,13 @@ fn prepare(
         stage: Stage::Load,
         seconds: load_seconds,
     }));
-    let detect_seconds = match options.pose_model {
-        Some(model) => detect(&mut loaded, model, cancel, on_event)?,
-        None => None,
+    let detect_seconds = match (options.keypoints, options.pose_model) {
+        (KeypointChoice::Best | KeypointChoice::Files(_), Some(model)) => {
+            detect(&mut loaded, model, cancel, on_event)?
+        }
+        (KeypointChoice::Estimate, _) | (_, None) => {
+            estimate(&mut loaded, &load_options, cancel, on_event)?
+        }
     };
     if goal > Goal::Segment {
         check(&mut loaded)?;
@@ -262,6 +297,37 @@ pub(crate) fn detect(
         }
     }
     loaded.reject(rejected);
+    let seconds = start.elapsed().as_secs_f64();
+    on_event(JobEvent::Pipeline(Event::StageDone { stage, seconds }));
+    Ok(Some(seconds))
+}
+
+/// Estimates the keypoints of all views if none has any; returns the duration, in seconds
+fn estimate(
+    loaded: &mut LoadedScan,
+    options: &LoadOptions,
+    cancel: &CancelToken,
+    on_event: &mut (dyn FnMut(JobEvent) + Send),
+) -> Result<Option<f64>, JobError> {
+    let missing_count = std::mem::take(&mut loaded.without_keypoints).len();
+    if missing_count < loaded.scan.views.len() || missing_count == 0 {
+        return Ok(None);
+    }
+    let (stage, start) = (Stage::Detect, Instant::now());
+    on_event(JobEvent::Pipeline(Event::StageStarted {
+        stage,
+        step_count: 1,
+    }));
+    let background = loaded.background(options).map_err(JobError::Background)?;
+    let estimated = estimate_keypoints(&loaded.scan, background.as_ref());
+    let estimated = estimated.map_err(JobError::Estimate)?;
+    if cancel.cancelled() {
+        return Err(PipelineError::Cancelled.into());
+    }
+    for (view, keypoints) in loaded.scan.views.iter_mut().zip(estimated) {
+        view.keypoints = keypoints;
+        view.keypoints_from = KeypointSource::Estimate;
+    }
     let seconds = start.elapsed().as_secs_f64();
     on_event(JobEvent::Pipeline(Event::StageDone { stage, seconds }));
     Ok(Some(seconds))

@@ -17,8 +17,8 @@ use crate::job::{JobError, JobEvent, detect};
 use crate::report::keypoint_picture;
 use crate::results::{ResultError, as_jpeg, put_json};
 use crate::scan_folder::{
-    FailedView, LoadOptions, LoadedScan, ScanWarning, ViewError, keypoint_file, keypoints_in_input,
-    load_source,
+    FailedView, LoadOptions, LoadedScan, ScanWarning, ViewError, WithoutKeypoints, keypoint_file,
+    keypoints_in_input, load_source,
 };
 #[cfg(feature = "folders")]
 use crate::scan_folder::{MAX_PHOTO_BYTES, PHOTO_EXTENSIONS, ScanError, open_source};
@@ -90,7 +90,7 @@ pub fn detect_photos(
     let start = Instant::now();
     let options = LoadOptions {
         one_shape: false,
-        without_keypoints: true,
+        without_keypoints: WithoutKeypoints::Loaded,
         ignore_keypoint_files: true,
         ..LoadOptions::default()
     };

@@ -287,9 +287,13 @@ fn page<'a>(
         ("method", method_name(report.method).to_owned()),
         ("pose", pose_name(scan.pose).to_owned()),
     ];
-    match detected_count(scan) {
+    match count_from(scan, KeypointSource::BlazePose) {
         0 => {}
         count => facts.push(("keypoints", format!("detected in {count} photos"))),
+    }
+    match count_from(scan, KeypointSource::Estimate) {
+        0 => {}
+        count => facts.push(("keypoints", format!("estimated in {count} photos"))),
     }
     if let Some(stature_mm) = scan.stature_mm {
         facts.push(("stature as given", format!("{stature_mm:.0} mm")));
@@ -327,12 +331,10 @@ fn page<'a>(
     }
 }
 
-/// Returns the number of usable views whose keypoints were detected in the photo
-fn detected_count(scan: &Scan) -> usize {
+/// Returns the number of usable views with keypoints of an origin
+fn count_from(scan: &Scan, source: KeypointSource) -> usize {
     let views = scan.views.iter();
-    views
-        .filter(|view| view.keypoints_from != KeypointSource::Given)
-        .count()
+    views.filter(|view| view.keypoints_from == source).count()
 }
 
 /// Returns the automatic corrections of loading and computation
@@ -418,8 +420,10 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
     if let Some(refusal) = &report.refusal {
         value["refusal"] = json!({ "code": refusal.code(), "message": refusal.to_string() });
     }
-    if detected_count(scan) > 0 {
+    if count_from(scan, KeypointSource::BlazePose) > 0 {
         value["detector"] = json!("blazepose");
+    } else if count_from(scan, KeypointSource::Estimate) > 0 {
+        value["detector"] = json!("estimate");
     }
     if let Some(skeleton) = &report.skeleton {
         value["camera"] = camera_value(&skeleton.camera);

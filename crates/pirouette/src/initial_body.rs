@@ -134,17 +134,45 @@ pub(crate) fn choose_start(
             (mannequin(&usual)?, usual)
         }
     };
+    let initial = InitialMannequin {
+        sex: parameters.sex,
+        mass_kg: parameters
+            .mass_kg
+            .unwrap_or(chosen.mesh.volume() * KG_PER_CUBIC_MM),
+    };
     let (avatar, posture, poses) = posed(&chosen)?;
     Ok(Start {
-        mannequin: InitialMannequin {
-            sex: parameters.sex,
-            mass_kg: parameters
-                .mass_kg
-                .unwrap_or(chosen.mesh.volume() * KG_PER_CUBIC_MM),
-        },
         avatar,
         posture,
         poses,
+        mannequin: initial,
+    })
+}
+
+/// Returns the initial body with a known mannequin
+///
+/// # Errors
+/// When there is no mannequin of the given stature.
+pub(crate) fn start_as(
+    scan: &Scan,
+    skeleton: &Skeleton,
+    views: &[SolvedView],
+    initial: InitialMannequin,
+    stature_mm: f64,
+) -> Result<Start, InitialBodyError> {
+    let avatar = mannequin(&MannequinParameters {
+        sex: initial.sex,
+        mass_kg: Some(initial.mass_kg),
+        stature_mm: Some(stature_mm),
+        pose: scan.pose,
+        ..MannequinParameters::default()
+    })?;
+    let (avatar, posture, poses) = pose_avatar(scan, skeleton, views, &avatar, stature_mm)?;
+    Ok(Start {
+        avatar,
+        posture,
+        poses,
+        mannequin: initial,
     })
 }
 

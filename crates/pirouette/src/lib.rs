@@ -57,6 +57,7 @@
 //! | stage | function | result |
 //! |---|---|---|
 //! | detection | [`detect::detect_keypoints`] | keypoints of photos without a keypoint file |
+//! | estimate | [`estimate::estimate_keypoints`] | the same without a detector, less accurate |
 //! | avatar | [`pipeline::make_avatar`] | a mannequin of the person's stature, or a given avatar |
 //! | skeleton | [`skeleton_fit::fit_skeleton`] | one skeleton, the pose in each view, one camera |
 //! | segmentation | [`segment::segment`] | a soft silhouette of each view |
@@ -90,6 +91,7 @@ pub mod carve;
 pub mod check;
 pub mod color;
 pub mod detect;
+pub mod estimate;
 pub mod measure;
 pub mod normalize;
 pub mod pipeline;

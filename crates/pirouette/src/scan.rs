@@ -82,6 +82,8 @@ pub enum KeypointSource {
     Given,
     /// Detected in the photo: see [`crate::detect`]
     BlazePose,
+    /// Estimated from all photos without a detector: see [`crate::estimate`]
+    Estimate,
 }
 
 /// Definition of the joints that a detector was trained on

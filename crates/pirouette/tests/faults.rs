@@ -5,7 +5,9 @@
 use glam::DVec2;
 use pirouette::check::{CheckError, CheckWarning, check_scan};
 use pirouette::measure::Measure;
-use pirouette::pipeline::{CancelToken, Config, Goal, Method, Refusal, Report, Warning, run};
+use pirouette::pipeline::{
+    CancelToken, Config, Goal, Method, Refusal, Report, Suspect, Warning, run,
+};
 use pirouette::scan::{Photo, Scan};
 use pirouette::skeleton_fit::{
     CameraParameter, KeypointView, Skeleton, SkeletonFitOptions, SkeletonFitWarning, SwapGroup,
@@ -167,7 +169,7 @@ fn keypoints_of_resized_photos_give_no_measurements() {
         matches!(
             refusal,
             Refusal::NoMatch {
-                given_masks: true,
+                suspect: Suspect::Masks,
                 ..
             }
         ),

@@ -1,5 +1,6 @@
 //! Arguments of `scan` and of the commands that run only a part of its stages.
 
+use std::convert::Infallible;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -19,8 +20,9 @@ pub struct ScanArgs {
     #[arg(short, long, value_name = "OUT", default_value = "out")]
     pub out: PathBuf,
 
-    /// Keypoints of the photos instead of those in SCAN: one file for all photos, or a folder with a file per photo
-    #[arg(long, value_name = "FILE_OR_DIR")]
+    /// Keypoints of the photos instead of those in SCAN: one file for all photos, or a folder with a file per photo;
+    /// `none` ignores keypoint files and the detector, and estimates the joints from the photos and the turn angles
+    #[arg(long, value_name = "FILE_OR_DIR|none")]
     pub keypoints: Option<KeypointInput>,
 
     /// Network of the pose detector, for photos without a keypoint file [default: the installed one]
@@ -62,16 +64,18 @@ pub struct ScanArgs {
 pub enum KeypointInput {
     /// A file for all photos, or a folder with a file per photo
     Files(PathBuf),
+    /// Neither files nor the detector
+    None,
 }
 
 impl FromStr for KeypointInput {
-    type Err = &'static str;
+    type Err = Infallible;
 
     fn from_str(value: &str) -> Result<Self, Self::Err> {
-        match value {
-            "none" => Err("`none` is reserved; write ./none for a file or folder of this name"),
-            path => Ok(KeypointInput::Files(PathBuf::from(path))),
-        }
+        Ok(match value {
+            "none" => KeypointInput::None,
+            path => KeypointInput::Files(PathBuf::from(path)),
+        })
     }
 }
 

@@ -286,6 +286,7 @@ mod tests {
             },
             given_masks: 1.0,
             detected_keypoints: 0.0,
+            estimated_keypoints: 0.0,
             extra_sd: pirouette::measure::ExtraSd::default(),
         })
     }

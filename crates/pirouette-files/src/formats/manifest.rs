@@ -40,6 +40,8 @@ pub struct Manifest {
     pub subject: Subject,
     /// Known parameters of the camera
     pub camera: CameraSetup,
+    /// A photo of the room without the person
+    pub background: Option<String>,
     /// The views; if absent, all images of the folder are used
     pub views: Option<Vec<ManifestView>>,
 }
@@ -110,6 +112,7 @@ struct File {
     pose: Option<PoseName>,
     subject: Option<SubjectFile>,
     camera: Option<CameraFile>,
+    background: Option<String>,
     views: Option<Vec<ManifestView>>,
 }
 
@@ -192,8 +195,12 @@ pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
             yaw_radians: within(camera.yaw_deg, YAW_DEG, || "camera.yaw_deg".into())?
                 .map(f64::to_radians),
         },
+        background: file.background,
         views: file.views,
     };
+    if let Some(path) = &checked.background {
+        check_path(path, || "background".to_owned())?;
+    }
     if let Some(views) = &checked.views {
         check_views(views)?;
     }
@@ -216,13 +223,8 @@ fn check_views(views: &[ManifestView]) -> Result<(), ManifestError> {
             ("mask", view.mask.as_ref()),
         ];
         for (key, path) in paths {
-            if let Some(path) = path
-                && !stays_inside(path)
-            {
-                return Err(ManifestError::PathLeaves {
-                    key: format!("views[{index}].{key}"),
-                    path: path.clone(),
-                });
+            if let Some(path) = path {
+                check_path(path, || format!("views[{index}].{key}"))?;
             }
         }
         let name = stem(&view.image);
@@ -242,6 +244,16 @@ fn check_views(views: &[ManifestView]) -> Result<(), ManifestError> {
         }
     }
     Ok(())
+}
+
+fn check_path(path: &str, key: impl FnOnce() -> String) -> Result<(), ManifestError> {
+    if stays_inside(path) {
+        return Ok(());
+    }
+    Err(ManifestError::PathLeaves {
+        key: key(),
+        path: path.to_owned(),
+    })
 }
 
 fn within(

@@ -267,6 +267,7 @@ mod tests {
             subject: Subject::default(),
             given_masks: 1.0,
             detected_keypoints: 0.0,
+            estimated_keypoints: 0.0,
             extra_sd: pirouette::measure::ExtraSd::default(),
         });
         let sheet = tape_sheet(
@@ -338,6 +339,7 @@ mod tests {
             subject: Subject::default(),
             given_masks: 1.0,
             detected_keypoints: 0.0,
+            estimated_keypoints: 0.0,
             extra_sd: pirouette::measure::ExtraSd::default(),
         });
         let sheet = tape_sheet(&TriMesh::default(), &SilhouetteMesh::new(&[]), &all);

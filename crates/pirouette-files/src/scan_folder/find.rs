@@ -28,6 +28,9 @@ const RESULT_STEMS: [&str; 6] = [
     "mask",
 ];
 
+/// Stem of a photo of the room without the person
+const BACKGROUND_STEM: &str = "background";
+
 /// Folders whose images are not photos of a scan: results, and ground truth
 const NO_PHOTO_FOLDERS: [&str; 3] = ["views", "truth", "keypoints"];
 
@@ -131,6 +134,7 @@ impl Listing {
             .filter(|name| has_extension(name, &PHOTO_EXTENSIONS))
             .cloned()
             .partition(|name| is_no_photo(name));
+        ignored.retain(|name| !is_background(name));
         let readable_count = photos.len();
         // A phone may deliver the same photo in two formats.
         let unreadable = files.iter().filter(|name| {
@@ -173,6 +177,18 @@ impl Listing {
             mask: None,
         };
         Ok(photos.into_iter().map(view).collect())
+    }
+
+    /// Returns the photo of the room without the person, beside the photos
+    pub(super) fn background_file(&self) -> Option<String> {
+        let folder = match self.photo_folder() {
+            PhotoFolder::Below(folder) => folder,
+            PhotoFolder::Top | PhotoFolder::Several(..) => String::new(),
+        };
+        let mut files = self.names.get(&folder)?.iter();
+        let is_photo =
+            |name: &&String| has_extension(name, &PHOTO_EXTENSIONS) && is_background(name);
+        files.find(is_photo).cloned()
     }
 
     /// Sets the keypoint files of views that have none at the usual places, if only one JSON file has the photo's name
@@ -255,7 +271,14 @@ fn has_extension(name: &str, extensions: &[&str]) -> bool {
 /// Returns whether an image is not a photo by its name
 fn is_no_photo(name: &str) -> bool {
     let stem = manifest::stem(name);
-    RESULT_STEMS.contains(&stem.as_str()) || NO_PHOTO_SUFFIXES.iter().any(|end| stem.ends_with(end))
+    RESULT_STEMS.contains(&stem.as_str())
+        || is_background(name)
+        || NO_PHOTO_SUFFIXES.iter().any(|end| stem.ends_with(end))
+}
+
+/// Returns whether an image shows the room without the person by its name
+fn is_background(name: &str) -> bool {
+    manifest::stem(name).eq_ignore_ascii_case(BACKGROUND_STEM)
 }
 
 fn same_stem(a: &str, b: &str) -> bool {

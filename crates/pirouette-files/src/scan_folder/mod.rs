@@ -17,7 +17,7 @@ use pirouette_geom::parallel::prelude::*;
 
 use crate::formats::manifest;
 use crate::formats::manifest::{Manifest, ManifestView};
-use crate::formats::photo::decode_photo;
+use crate::formats::photo::{decode_photo, shrink};
 use crate::source::Source;
 #[cfg(feature = "folders")]
 pub(crate) use find::PHOTO_EXTENSIONS;
@@ -25,7 +25,7 @@ use find::{Listing, PhotoFolder};
 use keypoint_files::{AssignedFiles, check_common_links, paths_in_scan};
 use pirouette::scan::{CameraSetup, KeypointSource, Photo, Scan, StatureFrom, View};
 use pirouette_body::TurnAngle;
-use view::{LoadedView, load_view};
+use view::{LoadedView, load_view, read_file};
 pub(crate) use view::{MAX_PHOTO_BYTES, keypoints_in_input};
 
 pub use keypoint_files::GivenKeypoints;
@@ -46,8 +46,8 @@ pub struct LoadOptions<'a> {
     /// A rotated or cropped photo means another camera: only the silhouettes of such views can be consistent with the
     /// others.
     pub one_shape: bool,
-    /// Whether views without a keypoint file are loaded without keypoints; otherwise they are unusable
-    pub without_keypoints: bool,
+    /// What happens to views without a keypoint file and without a mask
+    pub without_keypoints: WithoutKeypoints,
     /// Whether keypoint files are not read, as if no view had one
     pub ignore_keypoint_files: bool,
     /// Keypoint files that replace those in the scan
@@ -59,11 +59,23 @@ impl Default for LoadOptions<'_> {
         Self {
             max_side_px: 1600,
             one_shape: true,
-            without_keypoints: false,
+            without_keypoints: WithoutKeypoints::default(),
             ignore_keypoint_files: false,
             keypoints: None,
         }
     }
+}
+
+/// What happens to views without a keypoint file and without a mask
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum WithoutKeypoints {
+    /// They are unusable
+    #[default]
+    Rejected,
+    /// They are loaded without keypoints
+    Loaded,
+    /// They are loaded without keypoints if no view has any; otherwise, they are unusable
+    LoadedIfAll,
 }
 
 /// Relative tolerance of width over height for photos of one shape; scaling rounds to integer pixels
@@ -86,6 +98,8 @@ pub struct LoadedScan {
     pub warnings: Vec<ScanWarning>,
     /// Indices of the views without a keypoint file
     pub without_keypoints: Vec<usize>,
+    /// A photo of the room without the person
+    background_file: Option<String>,
     /// Source of the photos
     source: Source,
     /// The photo file of each usable view
@@ -113,6 +127,22 @@ impl LoadedScan {
     /// Returns the photo file of a view
     pub fn photo_file(&self, view: usize) -> &str {
         &self.files[view]
+    }
+
+    /// Reads the photo of the room without the person, in the size of the views; `None` if there is none
+    ///
+    /// # Errors
+    /// When it cannot be read or decoded.
+    pub fn background(&self, options: &LoadOptions) -> Result<Option<Photo>, ViewError> {
+        let Some(file) = &self.background_file else {
+            return Ok(None);
+        };
+        let bytes = read_file(&self.source, file, MAX_PHOTO_BYTES)?;
+        let decoded = decode_photo(&bytes).map_err(|source| ViewError::Photo {
+            file: file.clone(),
+            source,
+        })?;
+        Ok(Some(shrink(decoded.photo, options.max_side_px)))
     }
 
     /// Reads the photo of a view again at its original size; `None` if the file is missing or was changed
@@ -181,7 +211,14 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
         None => listing.find_photos(&source, &mut warnings)?,
     };
     listing.find_keypoint_files(&source, &mut entries, &mut warnings);
+    let background_file = manifest
+        .background
+        .map(|file| format!("{folder}{file}"))
+        .or_else(|| listing.background_file());
     check_links(&source, &entries)?;
+    if let Some(file) = &background_file {
+        check_link(&source, file)?;
+    }
 
     let missing_count = entries.iter().filter(|e| e.angle_deg.is_none()).count();
     if missing_count > 0 && missing_count < entries.len() {
@@ -198,6 +235,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
         .enumerate()
         .map(|(view, entry)| load_view(&source, view, entry, &keypoint_files, options))
         .collect();
+    reject_without_keypoints(&mut loaded, &entries, options.without_keypoints);
     if options.one_shape {
         reject_other_shapes(&mut loaded);
     }
@@ -284,6 +322,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
         failed,
         warnings,
         without_keypoints,
+        background_file,
         source,
         files,
     })
@@ -333,6 +372,32 @@ fn read_manifest(source: &Source, listing: &Listing) -> Result<(Manifest, String
             Err(source) => Err(ScanError::Manifest { path, source }),
         },
         Err(source) => Err(ScanError::Read { path, source }),
+    }
+}
+
+/// Rejects views without keypoints and mask, as selected
+fn reject_without_keypoints(
+    loaded: &mut [Result<LoadedView, ViewError>],
+    entries: &[ManifestView],
+    without: WithoutKeypoints,
+) {
+    let any_found = loaded.iter().flatten().any(|view| view.has_keypoint_file);
+    match without {
+        WithoutKeypoints::Loaded => return,
+        WithoutKeypoints::LoadedIfAll if !any_found => return,
+        WithoutKeypoints::LoadedIfAll | WithoutKeypoints::Rejected => {}
+    }
+    for (view, entry) in loaded.iter_mut().zip(entries) {
+        let Ok(found) = view else {
+            continue;
+        };
+        if let Some(file) = found.missing_keypoint_file.take() {
+            *view = Err(ViewError::Missing { file });
+        } else if !found.has_keypoint_file && found.mask.is_none() {
+            let paths = paths_in_scan(&entry.image);
+            let file = paths.into_iter().next().unwrap_or_default();
+            *view = Err(ViewError::NoKeypointFile { file });
+        }
     }
 }
 

@@ -137,7 +137,7 @@ pub enum ScanWarning {
     )]
     SeveralPeople { view: String, people_count: usize },
     #[error(
-        "{missing_count} keypoint files that scan.json names do not exist ({first}); detected the keypoints in these photos"
+        "{missing_count} keypoint files that scan.json names do not exist ({first}); their keypoints are found in the photos instead"
     )]
     KeypointFilesMissing { missing_count: usize, first: String },
     #[error(

@@ -5,7 +5,7 @@ use std::io;
 
 use pirouette_geom::Mask;
 
-use super::keypoint_files::{AssignedFiles, paths_in_scan};
+use super::keypoint_files::AssignedFiles;
 use super::{LoadOptions, ViewError};
 use crate::formats::keypoints::Detection;
 use crate::formats::manifest::ManifestView;
@@ -59,7 +59,7 @@ pub(super) fn load_view(
     };
     let (found, missing_keypoint_file) = match found {
         Ok(found) => (found, None),
-        Err(ViewError::Missing { file }) if options.without_keypoints => (None, Some(file)),
+        Err(ViewError::Missing { file }) => (None, Some(file)),
         Err(error) => return Err(error),
     };
     let given = entry.mask.as_ref().map(|file| {
@@ -70,11 +70,6 @@ pub(super) fn load_view(
         Some(given) => (Some(given.mask), given.fixes),
         None => (None, Vec::new()),
     };
-    if found.is_none() && mask.is_none() && !options.without_keypoints {
-        let paths = paths_in_scan(image);
-        let file = paths.into_iter().next().unwrap_or_default();
-        return Err(ViewError::NoKeypointFile { file });
-    }
     let has_keypoint_file = found.is_some();
     let Detection {
         mut keypoints,

@@ -166,6 +166,13 @@ impl Default for BodyFitOptions {
 }
 
 impl BodyFitOptions {
+    /// Returns these options with half of the rounds: sufficient for the outline of a prior
+    pub fn rough(&self) -> Self {
+        let mut options = self.clone();
+        options.rounds.truncate(self.rounds.len() / 2);
+        options
+    }
+
     /// Returns options with the first rounds only: sufficient to compare initial bodies
     pub fn trial() -> Self {
         let mut options = Self {

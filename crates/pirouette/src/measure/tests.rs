@@ -375,6 +375,7 @@ fn input_of<'a>(
         subject: Subject::default(),
         given_masks: 1.0,
         detected_keypoints: 0.0,
+        estimated_keypoints: 0.0,
         extra_sd: ExtraSd::default(),
     }
 }
@@ -515,6 +516,7 @@ fn unavailable_measures_carry_the_reason() {
         subject: Subject::default(),
         given_masks: 1.0,
         detected_keypoints: 0.0,
+        estimated_keypoints: 0.0,
         extra_sd: ExtraSd::default(),
     });
     let order: Vec<Measure> = all.iter().map(|(measure, _)| measure).collect();

@@ -3,15 +3,13 @@
 use std::sync::{Mutex, PoisonError};
 use web_time::Instant;
 
-use pirouette_body::{Avatar, Pose, Sex};
+use pirouette_body::Avatar;
 use pirouette_geom::Mask;
 use pirouette_geom::outline_map::OutlineMap;
 use pirouette_geom::parallel::prelude::*;
 
-use crate::body_fit::{BodyFitPrior, CameraSpread, Outlines, fit_outlines};
 use crate::carve::{CarveOptions, carve, carve_beside_avatar};
 use crate::color::{ColorOptions, ColorView, color_surface};
-use crate::initial_body::{choose_start, fit_views};
 use crate::measure::{BodySource, MeasureInput, measure};
 use crate::normalize::{NormalizeError, NormalizedView};
 use crate::pipeline::stages::{
@@ -21,19 +19,18 @@ use crate::pipeline::stages::{
 use crate::pipeline::verdict::Doubts;
 use crate::pipeline::warning::{self, Warning};
 use crate::pipeline::{
-    AvatarSource, CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError,
-    Report, Stage,
+    CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError, Report, Stage,
 };
-use crate::scan::{CameraSetup, KeypointSource, Scan, View};
+use crate::scan::{KeypointSource, Scan, View};
 use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
 use crate::skeleton_fit::{KeypointView, Skeleton, SkeletonFitOptions, SkeletonView, fit_skeleton};
 use crate::view::{SolvedView, ViewId};
 
 /// A running job
 pub(super) struct Job<'a> {
-    scan: &'a Scan,
-    config: &'a Config,
-    cancel: &'a CancelToken,
+    pub(super) scan: &'a Scan,
+    pub(super) config: &'a Config,
+    pub(super) cancel: &'a CancelToken,
     on_event: &'a mut (dyn FnMut(Event) + Send),
     pub(super) dropped: Vec<DroppedView>,
     pub(super) warnings: Vec<Warning>,
@@ -41,13 +38,13 @@ pub(super) struct Job<'a> {
 }
 
 /// Reports completed steps of a stage, from any thread
-struct Steps<'a> {
+pub(super) struct Steps<'a> {
     stage: Stage,
     on_event: Mutex<&'a mut (dyn FnMut(Event) + Send)>,
 }
 
 impl Steps<'_> {
-    fn done(&self) {
+    pub(super) fn done(&self) {
         let mut on_event = self.on_event.lock().unwrap_or_else(PoisonError::into_inner);
         on_event(Event::StepDone { stage: self.stage });
     }
@@ -72,7 +69,7 @@ impl<'a> Job<'a> {
     }
 
     /// Runs one stage: emits its events, times it, and returns `Cancelled` if cancellation was requested
-    fn stage<T>(
+    pub(super) fn stage<T>(
         &mut self,
         stage: Stage,
         step_count: usize,
@@ -93,7 +90,11 @@ impl<'a> Job<'a> {
             return Err(PipelineError::Cancelled);
         }
         (self.on_event)(Event::StageDone { stage, seconds });
-        self.seconds.push((stage, seconds));
+        // Some stages run again when silhouettes are computed again.
+        match self.seconds.iter_mut().find(|(other, _)| *other == stage) {
+            Some((_, sum)) => *sum += seconds,
+            None => self.seconds.push((stage, seconds)),
+        }
         Ok(result)
     }
 
@@ -106,7 +107,7 @@ impl<'a> Job<'a> {
         self.warnings.push(warning);
     }
 
-    fn drop_view(&mut self, id: ViewId, stage: Stage, reason: DropReason) {
+    pub(super) fn drop_view(&mut self, id: ViewId, stage: Stage, reason: DropReason) {
         self.warn(Warning::ViewDropped {
             view: self.scan.views[id.0].name.clone(),
             stage,
@@ -210,11 +211,7 @@ impl<'a> Job<'a> {
         priors: &[Mask],
     ) -> Result<Vec<SolvedView>, PipelineError> {
         let (scan, cancel) = (self.scan, self.cancel);
-        let options = SegmentOptions {
-            // Photos of different cameras have neither colors nor background in common.
-            single: self.config.segment.single || !self.one_shape(),
-            ..self.config.segment
-        };
+        let options = self.segment_options();
         let silhouettes: Vec<Result<Silhouette, SegmentError>> =
             self.stage(Stage::Segment, 1, |_| {
                 let views: Vec<SegmentView> = scan
@@ -249,76 +246,12 @@ impl<'a> Job<'a> {
         Ok(views)
     }
 
-    /// Fits one body to all views
-    ///
-    /// If views are inconsistent with the others, they are dropped and the body is fitted again.
-    pub(super) fn fit_body(&mut self, report: &mut Report) -> Result<(), PipelineError> {
-        self.fit_all(report)?;
-        let bad = contradicting(&report.views);
-        if !bad.is_empty() {
-            for (id, reason) in &bad {
-                self.drop_view(*id, Stage::BodyFit, reason.clone());
-            }
-            report
-                .views
-                .retain(|view| bad.iter().all(|(id, _)| *id != view.id));
-            self.check_left(report.views.len())?;
-            self.fit_all(report)?;
+    pub(super) fn segment_options(&self) -> SegmentOptions {
+        SegmentOptions {
+            // Photos of different cameras have neither colors nor background in common.
+            single: self.config.segment.single || !self.one_shape(),
+            ..self.config.segment
         }
-        let Some(camera) = report
-            .views
-            .first()
-            .and_then(|view| view.fit)
-            .map(|fit| fit.camera)
-        else {
-            return Ok(());
-        };
-        for view in &mut report.views {
-            view.skeleton = view.skeleton.map(|skeleton| skeleton.with_camera(&camera));
-        }
-        if let Some(skeleton) = &mut report.skeleton {
-            skeleton.camera = camera.with_size_of(&skeleton.camera);
-        }
-        Ok(())
-    }
-
-    fn fit_all(&mut self, report: &mut Report) -> Result<(), PipelineError> {
-        let (scan, config, cancel) = (self.scan, self.config, self.cancel);
-        let Some(skeleton) = &report.skeleton else {
-            return Ok(());
-        };
-        let views = &report.views[..];
-        let ((fit, fitted_views), start) = self.stage(Stage::BodyFit, 1, |_| {
-            let stature_mm = scan.stature_mm.unwrap_or(skeleton.avatar.stature_mm());
-            let cancelled = || cancel.cancelled();
-            let poses: Vec<Pose> = views.iter().map(|view| view.skeleton().pose).collect();
-            let outlines = Outlines::trace(&fit_views(views, &poses, stature_mm));
-            let choose = || choose_start(scan, skeleton, views, &outlines, stature_mm, &cancelled);
-            let start = is_free(config).then(choose).transpose()?;
-            let (avatar, posture, poses) = match &start {
-                Some(start) => (&start.avatar, &start.posture, &start.poses),
-                None => (&skeleton.avatar, &skeleton.posture, &poses),
-            };
-            let fit = fit_outlines(
-                avatar,
-                &fit_views(views, poses, stature_mm),
-                &outlines,
-                &BodyFitPrior {
-                    posture: *posture,
-                    stature_mm: Some(stature_mm),
-                    camera: camera_spread(&scan.camera),
-                },
-                &config.fit,
-                &cancelled,
-            );
-            Ok::<_, PipelineError>((fit, start.map(|start| start.mannequin)))
-        })??;
-        report.fit = Some(fit);
-        report.start = start;
-        for (view, fit) in report.views.iter_mut().zip(fitted_views) {
-            view.fit = Some(fit);
-        }
-        Ok(())
     }
 
     /// Samples the colors of the fitted body
@@ -430,7 +363,9 @@ impl<'a> Job<'a> {
             let count = views.iter().filter(|v| of(&scan.views[v.id.0])).count();
             count as f64 / views.len().max(1) as f64
         };
-        let detected_keypoints = share_of(&|view| view.keypoints_from != KeypointSource::Given);
+        let from = |source| share_of(&|view| view.keypoints_from == source);
+        let detected_keypoints = from(KeypointSource::BlazePose);
+        let estimated_keypoints = from(KeypointSource::Estimate);
         let doubts = Doubts::of(scan, report);
         let found = self.stage(Stage::Measure, 1, |_| {
             let outlines = match source {
@@ -447,11 +382,15 @@ impl<'a> Job<'a> {
                 subject: scan.subject,
                 given_masks: share_of(&|view| view.mask.is_some()),
                 detected_keypoints,
+                estimated_keypoints,
                 extra_sd: doubts.extra_sd(),
             })
         })?;
         if detected_keypoints > 0.0 {
             self.warn(Warning::KeypointsDetected);
+        }
+        if estimated_keypoints > 0.0 {
+            self.warn(Warning::KeypointsEstimated);
         }
         doubts.warnings().into_iter().for_each(|w| self.warn(w));
         if let Some(mass) = found
@@ -489,63 +428,5 @@ impl<'a> Job<'a> {
     }
 }
 
-/// Returns whether the initial mannequin of the fit is selected by the silhouettes: if none was specified
-///
-/// Earlier stages use a neutral one. A coarse mannequin does not suffice there: it has no separate fingers, and with it
-/// as the prior, the segmentation loses hands (160 rendered photos: 10 % quantile of the IoU 0.985 to 0.978).
-fn is_free(config: &Config) -> bool {
-    let said_nothing = matches!(
-        config.avatar,
-        AvatarSource::Mannequin {
-            sex: Sex::Neutral,
-            mass_kg: None
-        }
-    );
-    said_nothing && config.method == Method::Fit
-}
-
-/// Returns the uncertainty of the skeleton's camera; zero for given parameters
-///
-/// The joints of an avatar differ in position from the points that a detector reports, which tilts the camera by 0.1 to
-/// 0.3 degrees and moves it by up to 0.7 %.
-fn camera_spread(given: &CameraSetup) -> CameraSpread {
-    let unless = |given: Option<f64>, spread: f64| if given.is_some() { 0.0 } else { spread };
-    CameraSpread {
-        distance_mm: unless(given.distance_mm, 100.0),
-        height_mm: unless(given.height_mm, 50.0),
-        pitch_radians: unless(given.pitch_radians, 1.0_f64.to_radians()),
-    }
-}
-
 /// Minimum number of views of a body fit
 const MIN_FIT_VIEWS: usize = 2;
-
-/// A view is inconsistent with the others if its overlap is this much below the median
-///
-/// Overlaps of rendered people and a clothed man are within 0.02 of it; that of a photo of another pose or person is
-/// lower by 0.1 and more.
-const CONTRADICTION: f64 = 0.07;
-
-/// Returns the views that are inconsistent with the others, if the others are a clear majority
-fn contradicting(views: &[SolvedView]) -> Vec<(ViewId, DropReason)> {
-    let ious: Vec<(ViewId, f64)> = views
-        .iter()
-        .filter_map(|view| Some((view.id, view.fit?.silhouette_iou?)))
-        .collect();
-    let mut sorted: Vec<f64> = ious.iter().map(|(_, iou)| *iou).collect();
-    sorted.sort_by(f64::total_cmp);
-    let Some(&usual) = sorted.get(sorted.len() / 2) else {
-        return Vec::new();
-    };
-    let bad: Vec<(ViewId, DropReason)> = ious
-        .iter()
-        .filter(|(_, iou)| *iou < usual - CONTRADICTION)
-        .map(|&(id, iou)| (id, DropReason::Contradicts { iou, usual }))
-        .collect();
-    // With few views, the wrong one cannot be identified.
-    if 4 * bad.len() <= ious.len() {
-        bad
-    } else {
-        Vec::new()
-    }
-}

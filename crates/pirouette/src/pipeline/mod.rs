@@ -5,6 +5,7 @@
 
 mod capture;
 mod event;
+mod fit_job;
 mod job;
 mod report;
 mod stages;
@@ -31,7 +32,7 @@ pub use report::{DropReason, DroppedView, Report};
 pub use stages::{
     Normalizer, carve_views, make_avatar, normalized_outlines, photographed_outlines, render_priors,
 };
-pub use verdict::Refusal;
+pub use verdict::{Refusal, Suspect};
 pub use warning::Warning;
 
 /// Method that transforms views to the reference pose

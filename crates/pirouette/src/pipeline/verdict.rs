@@ -8,7 +8,7 @@ use thiserror::Error;
 use crate::check::{Border, blur_px, cut_off_views, excess_px, median};
 use crate::measure::ExtraSd;
 use crate::pipeline::{Report, Warning};
-use crate::scan::Scan;
+use crate::scan::{KeypointSource, Scan, View};
 use pirouette_body::Joint;
 use pirouette_geom::parallel::prelude::*;
 
@@ -59,6 +59,35 @@ const ERROR_PER_PX: f64 = 0.2;
 /// Blurred photos of rendered people: girths of 290 to 970 mm are 0 to 24 mm too large at a blur of 6 mm.
 const ERROR_PER_BLUR: f64 = 0.3;
 
+/// Most likely cause of a body that does not match the silhouettes
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Suspect {
+    /// Given masks, which are most silhouettes
+    Masks,
+    /// Given or detected keypoints, or the turn angles
+    Keypoints,
+    /// Estimated keypoints, or the turn angles
+    Estimate,
+}
+
+impl Suspect {
+    fn advice(self) -> &'static str {
+        match self {
+            Suspect::Masks => {
+                "check that the masks show the person in white, and belong to these photos"
+            }
+            Suspect::Keypoints => {
+                "check that the keypoints belong to these photos (order, size, rotation), and the turn angles"
+            }
+            Suspect::Estimate => {
+                "check the turn angles, or install the pose detector with 'pirouette models install', since the estimated \
+                 joints may be wrong"
+            }
+        }
+    }
+}
+
 /// Why a job has no body and no measurements
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[non_exhaustive]
@@ -66,13 +95,13 @@ pub enum Refusal {
     /// The body does not match the silhouettes
     #[error(
         "no body and no measurements: the body matches the silhouettes with an overlap of only {overlap:.2}; {}; see contact.jpg",
-        advice(*given_masks)
+        suspect.advice()
     )]
     NoMatch {
         /// Mean intersection over union of the posed body with the silhouettes
         overlap: f64,
-        /// Whether most silhouettes were given
-        given_masks: bool,
+        /// The most likely cause
+        suspect: Suspect,
     },
     /// The keypoints lie beside the person
     #[error(
@@ -113,14 +142,6 @@ impl Refusal {
     }
 }
 
-fn advice(given_masks: bool) -> &'static str {
-    if given_masks {
-        "check that the masks show the person in white, and belong to these photos"
-    } else {
-        "check that the keypoints belong to these photos (order, size, rotation), and the turn angles"
-    }
-}
-
 /// Returns why the body must be refused, if there is a reason
 pub(super) fn judge(scan: &Scan, report: &Report) -> Option<Refusal> {
     let count = report.views.len();
@@ -135,32 +156,40 @@ pub(super) fn judge(scan: &Scan, report: &Report) -> Option<Refusal> {
     if let Some(view_count) = cut_off(Border::Top) {
         return Some(Refusal::HeadCutOff { view_count });
     }
-    let shift_px = keypoint_shift_px(report);
+    let shift_px = keypoint_shift_px(scan, report);
     if let (Some(shift_px), Some(px_mm)) = (shift_px, px_mm(report))
         && shift_px.abs() * px_mm > MAX_SHIFT_MM
     {
         return Some(Refusal::KeypointsShifted { shift_px });
     }
     let overlap = report.mean_fit_iou()?;
-    let given = report
-        .views
-        .iter()
-        .filter(|view| scan.views[view.id.0].mask.is_some());
-    let given_masks = 2 * given.count() > count;
-    (overlap < MIN_OVERLAP).then_some(Refusal::NoMatch {
-        overlap,
-        given_masks,
-    })
+    let most = |of: &dyn Fn(&View) -> bool| {
+        let found = report
+            .views
+            .iter()
+            .filter(|view| of(&scan.views[view.id.0]));
+        2 * found.count() > count
+    };
+    let suspect = if most(&|view| view.mask.is_some()) {
+        Suspect::Masks
+    } else if most(&|view| view.keypoints_from == KeypointSource::Estimate) {
+        Suspect::Estimate
+    } else {
+        Suspect::Keypoints
+    };
+    (overlap < MIN_OVERLAP).then_some(Refusal::NoMatch { overlap, suspect })
 }
 
 /// Returns the median horizontal shift of the keypoints from the joints of the fitted body, in px
 ///
-/// Offsets of a detector from the joints cancel over left and right, front and back.
-fn keypoint_shift_px(report: &Report) -> Option<f64> {
+/// Offsets of a detector from the joints cancel over left and right, front and back. Estimated keypoints come from these
+/// photos.
+fn keypoint_shift_px(scan: &Scan, report: &Report) -> Option<f64> {
     let fit = report.fit.as_ref()?;
     let mut shifts: Vec<f64> = report
         .views
         .iter()
+        .filter(|view| scan.views[view.id.0].keypoints_from != KeypointSource::Estimate)
         .filter_map(|view| Some((view.fit?, view.skeleton.as_ref()?)))
         .flat_map(|(fitted, skeleton)| {
             let posed = fit.avatar.posed(&fitted.pose, skeleton.turn).bones;

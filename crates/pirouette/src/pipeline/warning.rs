@@ -38,9 +38,14 @@ pub enum Warning {
     },
     #[error(
         "keypoints were detected in the photos: standard deviations are larger than with given keypoints, most of all \
-         for shoulder width, bust girth and back length"
+         for shoulder width and back length"
     )]
     KeypointsDetected,
+    #[error(
+        "keypoints were estimated from the photos without a detector: standard deviations are larger, most of all for \
+         shoulder width and arm length; install the pose detector with 'pirouette models install', or provide keypoints"
+    )]
+    KeypointsEstimated,
     #[error(
         "the body matches the silhouettes with an overlap of {overlap:.3} only: standard deviations are larger; \
          check contact.jpg"
@@ -101,6 +106,7 @@ impl Warning {
             | Warning::Skeleton(_)
             | Warning::CameraTilted { .. }
             | Warning::KeypointsDetected
+            | Warning::KeypointsEstimated
             | Warning::LowOverlap { .. }
             | Warning::Blurred { .. }
             | Warning::MasksOffEdges { .. }
@@ -134,6 +140,7 @@ impl Warning {
             Warning::SidesSwapped { .. } => "sides_swapped",
             Warning::Outlier { .. } => "outlier",
             Warning::KeypointsDetected => "keypoints_detected",
+            Warning::KeypointsEstimated => "keypoints_estimated",
             Warning::LowOverlap { .. } => "low_overlap",
             Warning::Blurred { .. } => "blurred",
             Warning::MasksOffEdges { .. } => "masks_off_edges",

@@ -37,7 +37,7 @@ use solve::{Solution, solve};
 pub use doubts::CameraParameter;
 pub use problem::{SkeletonFitError, SkeletonFitWarning};
 pub use scales::{BoneScale, BoneScales, rescale_avatar};
-pub(crate) use start::keypoint_sigma_px;
+pub(crate) use start::{USUAL_VERTICAL_FOV_DEGREES, keypoint_sigma_px, usual_camera_height_mm};
 pub use swaps::SwapGroup;
 pub use turns::TurnCorrection;
 

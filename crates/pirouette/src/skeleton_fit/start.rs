@@ -13,13 +13,19 @@ const CONFIDENT_SIGMA_PX: f64 = 3.0;
 /// Standard deviation of an uncertain keypoint, mostly of a hidden limb, in px at [`NOMINAL_STATURE_PX`]
 const DOUBTFUL_SIGMA_PX: f64 = 8.0;
 
+/// Standard deviation of an estimated arm, in px at [`NOMINAL_STATURE_PX`]
+const VAGUE_SIGMA_PX: f64 = 24.0;
+
+/// Maximum confidence (0 to 1) of vague keypoints
+const VAGUE: f64 = 0.1;
+
 /// Minimum confidence (0 to 1) of confident keypoints
 ///
 /// Detectors report less for joints hidden by the body itself.
 const CONFIDENT: f64 = 0.68;
 
 /// Vertical field of view if unknown: near that of an upright photo of a phone's main camera
-pub(super) const USUAL_VERTICAL_FOV_DEGREES: f64 = 50.0;
+pub(crate) const USUAL_VERTICAL_FOV_DEGREES: f64 = 50.0;
 
 /// Standard deviation of the logarithm of an unknown focal length
 pub(super) const UNKNOWN_LOG_FOCAL_SIGMA: f64 = 0.15;
@@ -65,6 +71,8 @@ pub(super) struct Start {
 pub(crate) fn keypoint_sigma_px(confidence: f64, stature_px: f64) -> f64 {
     let nominal = if confidence > CONFIDENT {
         CONFIDENT_SIGMA_PX
+    } else if confidence <= VAGUE {
+        VAGUE_SIGMA_PX
     } else {
         DOUBTFUL_SIGMA_PX
     };
@@ -176,7 +184,12 @@ pub(super) fn prepare(
 
 /// Returns start and prior standard deviation of an unknown camera height, in mm
 pub(super) fn unknown_height(stature_mm: f64) -> (f64, f64) {
-    (USUAL_CAMERA_HEIGHT * stature_mm, HEIGHT_SIGMA_MM)
+    (usual_camera_height_mm(stature_mm), HEIGHT_SIGMA_MM)
+}
+
+/// Returns the height of a camera if unknown, in mm
+pub(crate) fn usual_camera_height_mm(stature_mm: f64) -> f64 {
+    USUAL_CAMERA_HEIGHT * stature_mm
 }
 
 /// Returns the yaw of a camera that sees the person beside the middle of the photos; 0 if the person is near the middle

@@ -3,21 +3,27 @@
 use super::*;
 
 #[test]
-fn detected_keypoints_widen_the_standard_deviations_and_change_no_value() {
+fn uncertain_keypoints_widen_the_standard_deviations_and_change_no_value() {
     let avatar = woman(1640.0);
-    let input = |detected_keypoints| MeasureInput {
-        detected_keypoints,
-        extra_sd: ExtraSd::default(),
-        ..input_of(&avatar, &[], BodySource::Fitted)
+    let measured = |[detected_keypoints, estimated_keypoints]: [f64; 2]| {
+        measure(&MeasureInput {
+            detected_keypoints,
+            estimated_keypoints,
+            extra_sd: ExtraSd::default(),
+            ..input_of(&avatar, &[], BodySource::Fitted)
+        })
     };
-    let (given, detected) = (measure(&input(0.0)), measure(&input(1.0)));
-    for ((measure, given), (_, detected)) in given.iter().zip(detected.iter()) {
-        assert_eq!(given.value_mm, detected.value_mm);
-        let wider = measure != Measure::Stature && given.sd_mm.is_some();
-        assert_eq!(detected.sd_mm > given.sd_mm, wider, "{measure:?}");
+    let given = measured([0.0, 0.0]);
+    for (uncertain, bust_share) in [([1.0, 0.0], 0.015), ([0.0, 1.0], 0.02)] {
+        let uncertain = measured(uncertain);
+        for ((measure, given), (_, uncertain)) in given.iter().zip(uncertain.iter()) {
+            assert_eq!(given.value_mm, uncertain.value_mm);
+            let wider = measure != Measure::Stature && given.sd_mm.is_some();
+            assert_eq!(uncertain.sd_mm > given.sd_mm, wider, "{measure:?}");
+        }
+        let bust = uncertain.get(Measure::BustGirth);
+        assert!(bust.sd_mm.unwrap() > bust_share * bust.value_mm.unwrap());
     }
-    let bust = detected.get(Measure::BustGirth);
-    assert!(bust.sd_mm.unwrap() > 0.025 * bust.value_mm.unwrap());
 }
 
 #[test]
