@@ -4,6 +4,7 @@ use anyhow::{Context, Result, bail};
 use pirouette::pipeline::{CancelToken, Goal};
 use pirouette_eval::ablation::{self, AblationOptions};
 use pirouette_eval::bodies::{self, BodiesOptions};
+use pirouette_eval::faults::{self, FaultsOptions, Group};
 use pirouette_eval::folders::{
     name_of, photo_table, scan_table, score_photos, score_scan, with_truth,
 };
@@ -17,8 +18,8 @@ use pirouette_files::sink::{make_folder, write_atomic};
 use serde_json::{Value, json};
 
 use crate::args::{
-    EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalPhotosArgs, EvalPublishedArgs, EvalScansArgs,
-    EvalTable, EvalTapesArgs,
+    EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs, EvalPublishedArgs,
+    EvalScansArgs, EvalTable, EvalTapesArgs,
 };
 use crate::output::Output;
 use crate::progress::Progress;
@@ -31,6 +32,7 @@ pub fn run(args: &EvalArgs, output: Output, quiet: bool, cancel: &CancelToken) -
         None => eval_published(&args.published, output, &progress, cancel),
         Some(EvalTable::Bodies(args)) => eval_bodies(args, &progress, cancel),
         Some(EvalTable::Tapes(args)) => eval_tapes(args, &progress, cancel),
+        Some(EvalTable::Faults(args)) => eval_faults(args, &progress, cancel),
         Some(EvalTable::Ablation(args)) => eval_ablation(args, &progress, cancel),
         Some(EvalTable::Scans(args)) => eval_scans(args, &progress, cancel),
         Some(EvalTable::Photos(args)) => eval_photos(args, &progress, cancel),
@@ -157,6 +159,35 @@ fn eval_tapes(
         "table": "tapes",
         "tables": tables,
         "people": study.people,
+    });
+    Ok((text.join("\n\n"), value))
+}
+
+fn eval_faults(
+    args: &EvalFaultsArgs,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<(String, Value)> {
+    let selected =
+        |group: &Group| args.only.is_empty() || args.only.iter().any(|n| n == group.name());
+    let options = FaultsOptions {
+        people: args.people,
+        views: usize::from(args.views),
+        groups: Group::ALL.into_iter().filter(selected).collect(),
+    };
+    let study = faults::study(&options, cancel, &mut |step| show(progress, &step))?;
+    if let Some(folder) = &args.out {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot create the folder {}", folder.display()))?;
+        write_atomic(&folder.join("faults.md"), study.page.as_bytes())?;
+    }
+    let text: Vec<String> = study.tables.iter().map(ToString::to_string).collect();
+    let tables: Vec<Value> = study.tables.iter().map(|table| table.to_json()).collect();
+    let value = json!({
+        "ok": true,
+        "table": "faults",
+        "tables": tables,
+        "captures": study.captures,
     });
     Ok((text.join("\n\n"), value))
 }

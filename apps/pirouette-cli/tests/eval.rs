@@ -61,6 +61,9 @@ fn folders_without_truth_are_rejected() {
 fn a_study_without_people_fails_and_invalid_usage_exits_with_2() {
     let args = ["eval", "bodies", "--people", "0", "--photo-people", "0"];
     pirouette(&args).exits_with(1);
+    pirouette(&["eval", "faults", "--people", "0"]).exits_with(1);
+    pirouette(&["eval", "faults", "--views", "3"]).exits_with(2);
+    pirouette(&["eval", "faults", "--only", "weather"]).exits_with(2);
     pirouette(&["eval", "--only", "everything"]).exits_with(2);
     pirouette(&["eval", "--quick", "bodies"]).exits_with(2);
     pirouette(&["eval", "bodies", "--views", "2"]).exits_with(2);

@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 use pirouette_body::mannequin::{MannequinError, MannequinParameters, mannequin};
-use pirouette_body::{Avatar, Bone, Sex};
+use pirouette_body::{Avatar, Bone, ReferencePose, Sex};
 use pirouette_synthetic::{
     Appearance, Clutter, Random, SyntheticOptions, SyntheticScan, synthesize, synthesize_in,
     with_posture,
@@ -87,6 +87,18 @@ impl Person {
     /// # Errors
     /// When the mannequin cannot be built, which would be a defect of the mannequin.
     pub fn new(seed: u64) -> Result<Self, MannequinError> {
+        Self::holding(seed, ReferencePose::A, None)
+    }
+
+    /// Creates the person of a seed in a given pose; arms at another angle below the horizontal are optional
+    ///
+    /// # Errors
+    /// As [`Person::new`].
+    pub(crate) fn holding(
+        seed: u64,
+        pose: ReferencePose,
+        arm_angle_degrees: Option<f64>,
+    ) -> Result<Self, MannequinError> {
         let random = &mut Random::new(seed.wrapping_mul(0x9e6c_63d0_676a_9a99) ^ 0x7e09_1e5a);
         let sex = if seed.is_multiple_of(2) {
             Sex::Female
@@ -102,7 +114,8 @@ impl Person {
             sex,
             stature_mm: Some(stature_mm),
             mass_kg: Some(bmi * (stature_mm / 1000.0).powi(2)),
-            ..MannequinParameters::default()
+            pose,
+            arm_angle_degrees,
         })?;
         displace(&mut avatar, random);
         let avatar = with_posture(&avatar, &posture(random));
@@ -130,7 +143,8 @@ impl Person {
         )
     }
 
-    fn options(&self, view_count: usize, noise: f64, photos: bool) -> SyntheticOptions {
+    /// Returns the parameters of [`Person::photograph`]
+    pub(crate) fn options(&self, view_count: usize, noise: f64, photos: bool) -> SyntheticOptions {
         let (width_px, height_px) = PHOTO_SIZE_PX;
         SyntheticOptions {
             seed: self.seed,

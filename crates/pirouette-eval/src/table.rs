@@ -65,6 +65,13 @@ pub(crate) fn percentile(values: &[f64], share: f64) -> Option<f64> {
     Some(low + (high - low) * at.fract())
 }
 
+/// Returns a text with its first letter in upper case
+pub(crate) fn capitalized(text: &str) -> String {
+    let mut letters = text.chars();
+    let first = letters.next().map(|c| c.to_uppercase().to_string());
+    first.unwrap_or_default() + letters.as_str()
+}
+
 impl Cell {
     /// Creates a cell with a number, or a missing one
     pub fn number(value: Option<f64>, decimals: usize) -> Self {
@@ -123,6 +130,17 @@ impl Table {
             })
             .collect();
         json!({ "title": self.title, "rows": rows, "notes": self.notes })
+    }
+
+    /// Returns the columns and rows in Markdown, without title and notes
+    pub fn to_markdown(&self) -> String {
+        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+        let mut text = line(&self.columns);
+        text.push_str(&line(&vec!["---".to_owned(); self.columns.len()]));
+        for row in &self.rows {
+            text.push_str(&line(&row.iter().map(Cell::to_string).collect::<Vec<_>>()));
+        }
+        text
     }
 }
 
@@ -185,6 +203,16 @@ who  mean mm     error %
 ann   1600.3  +2.0 ± 1.0
 b        9.0           -";
         assert_eq!(table().to_string(), expected);
+    }
+
+    #[test]
+    fn markdown_has_a_line_for_each_row() {
+        let expected = "| who | mean mm | error % |
+| --- | --- | --- |
+| ann | 1600.3 | +2.0 ± 1.0 |
+| b | 9.0 | - |
+";
+        assert_eq!(table().to_markdown(), expected);
     }
 
     #[test]

@@ -18,7 +18,7 @@ use page::{errors_svg, page};
 use views::{recommendation, trunk_table, views_svg, views_table};
 
 /// Standard deviation of the statures that people state, in mm
-const STATED_STATURE_SD_MM: f64 = 5.0;
+pub(crate) const STATED_STATURE_SD_MM: f64 = 5.0;
 
 /// First seed of the people; smaller ones were used during development
 const FIRST_SEED: u64 = 2001;

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use pirouette_eval::faults::Group;
 
 use super::MethodArgs;
 
@@ -55,6 +56,9 @@ pub enum EvalTable {
     /// Measure random people with known tape measurements; writes docs/accuracy.md with `-o docs`
     #[command(after_help = EVAL_TAPES_HELP)]
     Tapes(EvalTapesArgs),
+    /// Scan random people with mistakes in the input: refused, corrected, right or wrong; writes docs/faults.md with `-o docs`
+    #[command(after_help = EVAL_FAULTS_HELP)]
+    Faults(EvalFaultsArgs),
     /// Scan rendered photos with one part of the method disabled at a time
     #[command(after_help = EVAL_ABLATION_HELP)]
     Ablation(EvalAblationArgs),
@@ -114,6 +118,26 @@ pub struct EvalTapesArgs {
     /// Run a small study of a minute instead of a quarter of an hour
     #[arg(long)]
     pub quick: bool,
+}
+
+/// Arguments of `eval faults`
+#[derive(Debug, Args)]
+pub struct EvalFaultsArgs {
+    /// Number of people
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    pub people: usize,
+
+    /// Photos per person
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(4..=72))]
+    pub views: u16,
+
+    /// Run only the faults of these groups
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Group::ALL.map(Group::name))]
+    pub only: Vec<String>,
+
+    /// Folder for faults.md; if omitted, the tables are only printed
+    #[arg(short, long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
 }
 
 /// Arguments of `eval ablation`
@@ -194,6 +218,16 @@ Examples:
   pirouette eval tapes --quick
   pirouette eval tapes -o docs
   pirouette eval tapes --people 20 --views 8,9,12 --json > tapes.json";
+
+pub const EVAL_FAULTS_HELP: &str = "\
+About 40 kinds of mistake in three strengths: keypoints of other photos, a moved camera, wrong statements, bad masks,
+people who are cut off. Wrong: not refused, and a measure is off by more than three standard deviations and 10 mm.
+`--json` lists every capture. A person takes about five minutes.
+
+Examples:
+  pirouette eval faults --people 1
+  pirouette eval faults --only keypoints,masks
+  pirouette eval faults -o docs --json > faults.json";
 
 pub const EVAL_ABLATION_HELP: &str = "\
 Examples:

@@ -1,6 +1,7 @@
 //! The page of the tapes study: its text and its two pictures.
 
 use super::*;
+use crate::table::capitalized;
 
 pub(super) fn page(options: &TapesOptions, scanned: &[Scanned], tables: &[Table]) -> String {
     let mut page = String::new();
@@ -19,7 +20,7 @@ pub(super) fn page(options: &TapesOptions, scanned: &[Scanned], tables: &[Table]
          All values are in mm. `SD` is the standard deviation of the errors over people, `MAE` the mean absolute error, `P90` the\n\
          90th percentile of the absolute error; `repeat` is the standard deviation of a second scan of the same person with\n\
          other sway and another stated stature; `within 1 sd` is the percentage of errors smaller than the standard deviation\n\
-         reported with the value (68 if it is well calibrated).\n\n",
+         reported with the value (68 if it is well calibrated). [faults.md](faults.md) contains the results for wrong input.\n\n",
         options.people.max(options.photo_people),
         scanned.len(),
     );
@@ -33,27 +34,11 @@ pub(super) fn page(options: &TapesOptions, scanned: &[Scanned], tables: &[Table]
             page,
             "## {}\n\n{}\n",
             capitalized(&table.title),
-            markdown(table)
+            table.to_markdown()
         );
     }
     page.push_str(&recommendation(options, scanned));
     page
-}
-
-fn capitalized(text: &str) -> String {
-    let mut letters = text.chars();
-    let first = letters.next().map(|c| c.to_uppercase().to_string());
-    first.unwrap_or_default() + letters.as_str()
-}
-
-fn markdown(table: &Table) -> String {
-    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-    let mut text = line(&table.columns);
-    text.push_str(&line(&vec!["---".to_owned(); table.columns.len()]));
-    for row in &table.rows {
-        text.push_str(&line(&row.iter().map(Cell::to_string).collect::<Vec<_>>()));
-    }
-    text
 }
 
 /// Draws a strip per girth: every person's error as a dot, bias and spread
