@@ -265,6 +265,39 @@ fn a_mass_that_contradicts_the_volume_widens_the_deviations() {
 }
 
 #[test]
+fn bones_of_unusual_length_widen_the_deviations() {
+    let mut scan = scan_of_masks();
+    let healthy = scanned(&scan);
+    for view in &mut scan.views {
+        let arms = [
+            (Joint::LeftShoulder, [Joint::LeftElbow, Joint::LeftWrist]),
+            (Joint::RightShoulder, [Joint::RightElbow, Joint::RightWrist]),
+        ];
+        for (shoulder, others) in arms {
+            let shoulder = view.keypoints.get(shoulder).position;
+            for joint in others {
+                let mut keypoint = view.keypoints.get(joint);
+                keypoint.position = shoulder.lerp(keypoint.position, 0.6);
+                view.keypoints.set(joint, keypoint);
+            }
+        }
+    }
+    let short = scanned(&scan);
+    let said = |w: &Warning| {
+        matches!(
+            w,
+            Warning::Skeleton(SkeletonFitWarning::UnusualLength { .. })
+        )
+    };
+    assert!(short.warnings.iter().any(said));
+    let sd = |report: &Report| {
+        let hip = report.measurements.as_ref().unwrap().get(Measure::HipGirth);
+        hip.sd_mm.unwrap() / hip.value_mm.unwrap()
+    };
+    assert!(sd(&short) > sd(&healthy).max(0.029), "{}", sd(&short));
+}
+
+#[test]
 fn blurred_photos_widen_the_deviations() {
     let mut scan = turning_woman(8).scan;
     let sharp = scanned(&scan);

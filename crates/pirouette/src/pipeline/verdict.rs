@@ -9,6 +9,7 @@ use crate::check::{Border, blur_px, cut_off_views, excess_px, median};
 use crate::measure::ExtraSd;
 use crate::pipeline::{Report, Warning};
 use crate::scan::{KeypointSource, Scan, View};
+use crate::skeleton_fit::{Skeleton, SkeletonFitWarning};
 use pirouette_body::Joint;
 use pirouette_geom::parallel::prelude::*;
 
@@ -23,6 +24,11 @@ const SHARE_AT_MIN: f64 = 0.05;
 
 /// Share of the views in which a border of the photo may cut off the feet or the head
 pub(super) const MAX_CUT_OFF: f64 = 0.3;
+
+/// Standard deviation due to a bone of unusual length, as a share of a value
+///
+/// Healthy scans have none; wrong values of the camera shorten or lengthen bones.
+const UNUSUAL_LENGTH_SHARE: f64 = 0.03;
 
 /// Standard deviation due to an unknown field of view, as a share of a value
 ///
@@ -219,6 +225,8 @@ pub(super) struct Doubts {
     excess_mm: Option<f64>,
     /// Estimated pitch of the camera, if it is large
     pitch_degrees: Option<f64>,
+    /// Standard deviation, as a share of a value, due to a skeleton that contradicts the stature or human proportions
+    skeleton_share: f64,
     /// Whether the field of view was estimated
     unknown_fov: bool,
     /// Number of views in which the photo's border cuts off an arm
@@ -239,12 +247,13 @@ impl Doubts {
             excess_mm: excess_mm(scan, report),
             pitch_degrees: pitch_degrees.filter(|pitch| pitch.abs() > USUAL_PITCH_DEGREES),
             yaw_radians: skeleton.map_or(0.0, |skeleton| skeleton.camera.yaw_radians),
+            skeleton_share: skeleton.map_or(0.0, skeleton_share),
             unknown_fov: scan.camera.vertical_fov_radians.is_none(),
             cut_arms: cut_off_views(masks, Border::Side),
         }
     }
 
-    /// Returns the warnings that state them; those of yaw and field of view are the skeleton's
+    /// Returns the warnings that state them; those of yaw, field of view, stature and proportions are the skeleton's
     pub(super) fn warnings(&self) -> Vec<Warning> {
         let Self {
             overlap,
@@ -293,10 +302,27 @@ impl Doubts {
             .px_mm
             .map_or(0.0, |size| ERROR_PER_PX * (size - USUAL_PX_MM));
         ExtraSd {
-            share: low.hypot(stretch).hypot(perspective).hypot(tilt),
+            share: low
+                .hypot(stretch)
+                .hypot(perspective)
+                .hypot(tilt)
+                .hypot(self.skeleton_share),
             outline_mm: blur_mm.hypot(pixel_mm).hypot(self.excess_mm.unwrap_or(0.0)),
         }
     }
+}
+
+/// Returns how far a skeleton contradicts the stature or human proportions, as a share of a length
+fn skeleton_share(skeleton: &Skeleton) -> f64 {
+    let share = |warning: &SkeletonFitWarning| match *warning {
+        SkeletonFitWarning::StatureContradicted {
+            given_mm,
+            solved_mm,
+        } => (solved_mm / given_mm - 1.0).abs(),
+        SkeletonFitWarning::UnusualLength { .. } => UNUSUAL_LENGTH_SHARE,
+        _ => 0.0,
+    };
+    skeleton.warnings.iter().map(share).fold(0.0, f64::max)
 }
 
 /// Returns the median blur of the photos, in mm at the person

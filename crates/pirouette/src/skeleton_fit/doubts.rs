@@ -50,9 +50,9 @@ impl CameraParameter {
     /// Smallest change that contradicts a given value; the offsets of joints between detectors explain smaller ones
     fn tolerance(self, given: f64) -> f64 {
         match self {
-            CameraParameter::Height => 150.0,
-            CameraParameter::Distance | CameraParameter::FieldOfView => 0.12 * given,
-            CameraParameter::Pitch => 4.0,
+            CameraParameter::Height => 100.0,
+            CameraParameter::Distance | CameraParameter::FieldOfView => 0.06 * given,
+            CameraParameter::Pitch => 2.0,
         }
     }
 
@@ -112,6 +112,8 @@ pub(super) struct Contradicted {
 }
 
 /// Finds the given parameter of the camera that the keypoints contradict most, if there is one
+///
+/// A wrong value of one parameter is also explained by others, less well: only the best explanation counts.
 pub(super) fn find_contradicted(
     problem: &Problem,
     solution: &Solution,
@@ -124,7 +126,7 @@ pub(super) fn find_contradicted(
         let solved = solve(&freed, freed.start(), options.rounds);
         let found = parameter.solved(&freed, &solved)?;
         let clear = solved.cost < solution.cost - CLEAR_GAIN;
-        (clear && (found - given).abs() > parameter.tolerance(given)).then_some(Contradicted {
+        clear.then_some(Contradicted {
             parameter,
             given,
             found,
@@ -132,8 +134,8 @@ pub(super) fn find_contradicted(
             solution: solved,
         })
     };
-    CameraParameter::ALL
-        .into_iter()
-        .filter_map(free)
-        .min_by(|a, b| a.solution.cost.total_cmp(&b.solution.cost))
+    let all = CameraParameter::ALL.into_iter().filter_map(free);
+    let best = all.min_by(|a, b| a.solution.cost.total_cmp(&b.solution.cost))?;
+    let change = (best.found - best.given).abs();
+    (change > best.parameter.tolerance(best.given)).then_some(best)
 }

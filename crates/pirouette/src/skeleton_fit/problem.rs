@@ -85,7 +85,7 @@ pub enum SkeletonFitWarning {
     /// Bone lengths and camera are inconsistent with the stature
     #[error(
         "the skeleton comes out {solved_mm:.0} mm tall instead of {given_mm:.0} mm: \
-         check stature, camera height and field of view"
+         standard deviations are larger; check stature, camera height and field of view"
     )]
     StatureContradicted {
         /// Given or assumed stature, in mm
@@ -94,7 +94,7 @@ pub enum SkeletonFitWarning {
         solved_mm: f64,
     },
     /// A bone length is unusual
-    #[error("{} is {factor:.2} times that of the reference avatar: check stature and keypoints", .scale.name())]
+    #[error("{} is {factor:.2} times that of the reference avatar: standard deviations are larger; check stature and keypoints", .scale.name())]
     UnusualLength {
         /// The bone length
         scale: BoneScale,
