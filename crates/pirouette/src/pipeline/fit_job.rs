@@ -8,7 +8,7 @@ use crate::pipeline::job::Job;
 use crate::pipeline::stages::render_priors;
 use crate::pipeline::{AvatarSource, Config, DropReason, Method, PipelineError, Report, Stage};
 use crate::scan::{CameraSetup, KeypointSource};
-use crate::segment::{SegmentOptions, SegmentView, segment};
+use crate::segment::{SegmentView, segment};
 use crate::skeleton_fit::SkeletonView;
 use crate::view::{SolvedView, ViewId};
 
@@ -100,10 +100,7 @@ impl Job<'_> {
         let priors = self.stage(Stage::Prior, views.len(), |steps| {
             render_priors(body, &fitted, &|| steps.done())
         })?;
-        let options = SegmentOptions {
-            fitted: true,
-            ..self.segment_options()
-        };
+        let options = self.segment_options();
         let silhouettes = self.stage(Stage::Segment, 1, |_| {
             let solved = report.views.iter().zip(&views).zip(&priors);
             let views: Vec<SegmentView> = solved

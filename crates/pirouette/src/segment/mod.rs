@@ -41,8 +41,6 @@ pub struct SegmentView<'a> {
 pub struct SegmentOptions {
     /// Seeds from the posed avatar instead of the bones alone
     pub prior: bool,
-    /// The avatar was fitted to silhouettes of these views, so its outline is more reliable
-    pub fitted: bool,
     /// The avatar's outline also shifts the odds of undecided pixels
     pub soft_prior: bool,
     /// One pair of color models for all views
@@ -64,7 +62,6 @@ impl Default for SegmentOptions {
     fn default() -> Self {
         Self {
             prior: true,
-            fitted: false,
             soft_prior: true,
             shared_models: true,
             clean_plate: true,
@@ -167,8 +164,6 @@ pub fn segment(
 ) -> Vec<Result<Silhouette, SegmentError>> {
     let fit = if options.single || views.len() < 2 {
         PriorFit::SINGLE
-    } else if options.fitted {
-        PriorFit::FITTED
     } else {
         PriorFit::SCAN
     };

@@ -38,17 +38,6 @@ impl PriorFit {
         max_log_odds: 2.5,
     };
 
-    /// A scan with a body that was fitted to silhouettes of the same views: what they contain by mistake, such as a shadow
-    /// between the feet, is far from the body
-    pub(super) const FITTED: Self = Self {
-        outside_px: 40.0,
-        inside_px: 10.0,
-        bone_px: -3.0,
-        even_px: 0.0,
-        odds_length_px: 6.0,
-        max_log_odds: 3.0,
-    };
-
     /// One photo of any person: hair, coats, wide trousers and bags that no avatar has
     ///
     /// From 26 street photos. About half of the pixels 5 px outside the avatar are person, and of those more than 8 px
