@@ -1,16 +1,19 @@
 //! `pirouette demo`: renders a turning person with known measurements, scans it, and compares.
 
 use std::fmt::Write;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use pirouette::measure::{Measure, Measurements, measure_avatar};
 use pirouette::pipeline::{CancelToken, Goal};
+use pirouette::scan::Scan;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
-use pirouette_body::{Avatar, ReferencePose};
+use pirouette_body::{Avatar, Keypoints, ReferencePose};
 use pirouette_files::formats::charts::built_in_charts;
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::formats::photo::encode_mask;
+use pirouette_files::job::JobOptions;
 use pirouette_files::results::ResultOptions;
 use pirouette_files::scan_folder::write_scan;
 use pirouette_files::sink::{make_folder, write_atomic};
@@ -19,6 +22,7 @@ use serde_json::{Map, Value, json};
 
 use crate::args::{DemoArgs, Pose};
 use crate::avatar_command::mannequin_sex;
+use crate::models_command::pose_model;
 use crate::output::Output;
 use crate::progress::Progress;
 use crate::scan_command::{config, json_line, scan_folder};
@@ -44,8 +48,12 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
     let person = person(args)?;
     let truth = measure_avatar(&person);
     progress.print_line("rendering the person and the room");
-    let synthetic = photograph(args, &person);
+    let mut synthetic = photograph(args, &person);
     let scan = args.out.join("scan");
+    let pose_model = pose_model(None)?;
+    if pose_model.is_some() {
+        leave_keypoints_out(&mut synthetic.scan, &scan)?;
+    }
     write_scan(&scan, &synthetic.scan).context("cannot write the rendered scan")?;
     write_truth(&scan.join("truth"), &synthetic, &truth)?;
     let charts = built_in_charts();
@@ -55,7 +63,19 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
         charts: &charts,
         exports: &[],
     };
-    let done = scan_folder(&scan, &args.out, &config, &options, &progress, cancel);
+    let job_options = JobOptions {
+        pose_model: pose_model.as_ref(),
+        ..JobOptions::default()
+    };
+    let done = scan_folder(
+        &scan,
+        &args.out,
+        &config,
+        &job_options,
+        &options,
+        &progress,
+        cancel,
+    );
     progress.finish();
     let done = done?;
     let measured = done.report.measurements.as_ref();
@@ -68,6 +88,21 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
         value["truth_mm"] = Value::Object(truth);
         value
     })
+}
+
+/// Leaves the joints to the pose detector: removes them, and the files of an earlier demo
+fn leave_keypoints_out(scan: &mut Scan, folder: &Path) -> Result<()> {
+    for view in &mut scan.views {
+        view.keypoints = Keypoints::default();
+        let file = folder.join(format!("{}_keypoints.json", view.name));
+        match std::fs::remove_file(&file) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("cannot remove {}", file.display()));
+            }
+            Ok(()) | Err(_) => {}
+        }
+    }
+    Ok(())
 }
 
 /// Builds the person; sex and build may differ from those of the reference

@@ -13,6 +13,7 @@ use pirouette_eval::tapes::{self, TapesOptions};
 use pirouette_eval::{Step, StudyError};
 use pirouette_files::formats::charts::built_in_charts;
 use pirouette_files::formats::mesh::MeshFormat;
+use pirouette_files::job::JobOptions;
 use pirouette_files::results::ResultOptions;
 use pirouette_files::sink::{make_folder, write_atomic};
 use serde_json::{Value, json};
@@ -229,7 +230,15 @@ fn eval_scans(
     for (index, folder) in folders.iter().enumerate() {
         let out = args.out.join(name_of(folder));
         if !args.keep {
-            scan_folder(folder, &out, &config, &results, progress, cancel)?;
+            scan_folder(
+                folder,
+                &out,
+                &config,
+                &JobOptions::default(),
+                &results,
+                progress,
+                cancel,
+            )?;
         } else if !out.is_dir() {
             return Err(std::io::Error::from(std::io::ErrorKind::NotFound))
                 .with_context(|| format!("no results in {}", out.display()));

@@ -81,12 +81,12 @@ pub fn scan_folder(
     scan: &Path,
     out: &Path,
     config: &Config,
+    job_options: &JobOptions,
     results: &ResultOptions,
     progress: &Progress,
     cancel: &CancelToken,
 ) -> Result<FinishedJob> {
-    let job_options = JobOptions::default();
-    let done = scan_source(open_source(scan)?, config, &job_options, progress, cancel)?;
+    let done = scan_source(open_source(scan)?, config, job_options, progress, cancel)?;
     done.write(out, results)?;
     Ok(done)
 }

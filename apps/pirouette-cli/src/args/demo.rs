@@ -46,7 +46,8 @@ pub struct DemoArgs {
 }
 
 pub const DEMO_HELP: &str = "\
-Writes photos, keypoints and ground truth to OUT/scan, and the results to OUT.
+Writes photos, keypoints and ground truth to OUT/scan, and the results to OUT. If a pose detector is installed (see
+`pirouette models`), the photos have no keypoint files, and the detector finds the joints.
 
 Examples:
   pirouette demo

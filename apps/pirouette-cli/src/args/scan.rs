@@ -188,6 +188,8 @@ The pose detector (see `pirouette models`) finds the joints in each photo that h
 OpenPose, COCO, MMPose, AlphaPose, Halpe, MediaPipe and YOLO pose models are recognized by their content:
   000_keypoints.json or 000.json next to the photo 000.jpg or in keypoints/, keypoints/000.txt, labels/000.txt,
   keypoints.json or alphapose-results.json for all photos, by their names or numbers
+If there is neither a file nor a detector, the joints are estimated from at least four photos, or with a photo of the empty
+room: background.jpg, or \"background\" in scan.json.
 An optional scan.json provides additional data, most importantly the person's height. All keys except `image` are
 optional; without `views`, the photos are used in the order of their names:
   { \"pose\": \"a\", \"subject\": { \"stature_mm\": 1748, \"sex\": \"female\", \"mass_kg\": 64, \"age_years\": 35 },
@@ -207,6 +209,7 @@ Examples:
   pirouette scan photos/anna
   pirouette scan anna.zip -o anna
   pirouette scan photos/anna --keypoints alphapose-results.json
+  pirouette scan photos/anna --keypoints none
   pirouette scan photos/anna --scale card --export csv,seamly2d
   pirouette scan photos/anna -o anna --format ply,glb --report
   pirouette scan photos/anna --method three-step --no-refine

@@ -42,7 +42,7 @@ pub enum WriteScanError {
     },
 }
 
-/// Writes photos as JPEG, keypoints as OpenPose JSON, given masks as PNG, and the manifest
+/// Writes photos as JPEG, keypoints (where there are any) as OpenPose JSON, given masks as PNG, and the manifest
 ///
 /// # Errors
 /// When the folder cannot be written.
@@ -78,8 +78,10 @@ fn put_view(sink: &Sink, view: &View) -> Result<(), WriteScanError> {
             source,
         })?;
     sink.put(&format!("{name}.jpg"), jpeg)?;
-    let keypoints = keypoint_file(&view.keypoints).to_string();
-    sink.put(&format!("{name}_keypoints.json"), keypoints.into_bytes())?;
+    if let Some(file) = keypoint_file_name(view) {
+        let keypoints = keypoint_file(&view.keypoints).to_string();
+        sink.put(&file, keypoints.into_bytes())?;
+    }
     if let Some(mask) = &view.mask {
         let png = photo::encode_mask(mask).map_err(|source| WriteScanError::Mask {
             view: name.clone(),
@@ -88,6 +90,12 @@ fn put_view(sink: &Sink, view: &View) -> Result<(), WriteScanError> {
         sink.put(&format!("{name}_mask.png"), png)?;
     }
     Ok(())
+}
+
+/// Returns the name of the keypoint file of a view; `None` if it has no keypoints
+fn keypoint_file_name(view: &View) -> Option<String> {
+    let name = &view.name;
+    (view.keypoints.found_count() > 0).then(|| format!("{name}_keypoints.json"))
 }
 
 /// Returns one person as OpenPose JSON 1.3
@@ -143,9 +151,11 @@ fn manifest_of(scan: &Scan) -> serde_json::Value {
         let name = &view.name;
         let mut entry = json!({
             "image": format!("{name}.jpg"),
-            "keypoints": format!("{name}_keypoints.json"),
             "angle_deg": view.turn.degrees(),
         });
+        if let Some(file) = keypoint_file_name(view) {
+            entry["keypoints"] = json!(file);
+        }
         if view.mask.is_some() {
             entry["mask"] = json!(format!("{name}_mask.png"));
         }
