@@ -106,7 +106,7 @@ pub enum SkeletonFitWarning {
     NotConverged,
 }
 
-/// Error of [`fit_skeleton`]
+/// Error of [`fit_skeleton`](super::fit_skeleton)
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[non_exhaustive]
 pub enum SkeletonFitError {
