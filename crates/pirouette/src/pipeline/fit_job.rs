@@ -1,6 +1,6 @@
 //! The body fit of a job, with silhouettes that are computed again where keypoints are uncertain.
 
-use pirouette_body::{Avatar, Keypoint, Pose, Sex, pose_bones};
+use pirouette_body::{Avatar, Keypoint, Keypoints, Pose, Sex, pose_bones};
 
 use crate::body_fit::{BodyFitOptions, BodyFitPrior, CameraSpread, Outlines, fit_outlines};
 use crate::initial_body::{choose_start, fit_views, start_as};
@@ -15,11 +15,12 @@ use crate::view::{SolvedView, ViewId};
 impl Job<'_> {
     /// Fits one body to all views
     ///
-    /// Detected and estimated keypoints are less accurate than a fitted body: after a first fit, silhouettes are computed
-    /// again with its joints and its outline, and it is fitted to these. If views are inconsistent with the others, they
+    /// Detected and estimated keypoints are less accurate than a fitted body: after a first fit, its joints replace them,
+    /// silhouettes are computed again with its outline, and it is fitted to both. If views are inconsistent with the others, they
     /// are dropped, and the body is fitted again.
     pub(super) fn fit_body(&mut self, report: &mut Report) -> Result<(), PipelineError> {
         let options = &self.config.fit;
+        let detected = self.detected_keypoints(report);
         let mut views = self.scan.views.iter();
         if views.any(|view| view.keypoints_from != KeypointSource::Given) {
             self.fit_all(report, &options.rough())?;
@@ -38,7 +39,25 @@ impl Job<'_> {
             self.fit_all(report, options)?;
         }
         adopt_camera(report);
+        // Pictures and the judgment of the body compare it with what was detected.
+        for view in &mut report.views {
+            let detected = detected.iter().find(|(id, _)| *id == view.id);
+            if let (Some((_, keypoints)), Some(skeleton)) = (detected, &mut view.skeleton) {
+                skeleton.keypoints = *keypoints;
+            }
+        }
         Ok(())
+    }
+
+    /// Returns the keypoints of the views in which a detector found them
+    fn detected_keypoints(&self, report: &Report) -> Vec<(ViewId, Keypoints)> {
+        let detected = report
+            .views
+            .iter()
+            .filter(|view| self.scan.views[view.id.0].keypoints_from == KeypointSource::BlazePose);
+        detected
+            .map(|view| (view.id, view.skeleton().keypoints))
+            .collect()
     }
 
     /// Fits the body from the initial mannequin of an earlier fit, or from one that is selected now
@@ -95,20 +114,25 @@ impl Job<'_> {
             return Ok(());
         };
         let fitted: Vec<SkeletonView> = report.views.iter().map(fitted_view).collect();
-        let views = fitted.iter().map(|view| with_joints_of(body, *view));
-        let views: Vec<SkeletonView> = views.collect();
-        let priors = self.stage(Stage::Prior, views.len(), |steps| {
+        let keypoints = report.views.iter().zip(&fitted).map(|(solved, fitted)| {
+            match scan.views[solved.id.0].keypoints_from {
+                KeypointSource::Given => fitted.keypoints,
+                KeypointSource::BlazePose | KeypointSource::Estimate => joints_in(fitted, body),
+            }
+        });
+        let keypoints: Vec<Keypoints> = keypoints.collect();
+        let priors = self.stage(Stage::Prior, fitted.len(), |steps| {
             render_priors(body, &fitted, &|| steps.done())
         })?;
         let options = self.segment_options();
         let silhouettes = self.stage(Stage::Segment, 1, |_| {
-            let solved = report.views.iter().zip(&views).zip(&priors);
+            let solved = report.views.iter().zip(&keypoints).zip(&priors);
             let views: Vec<SegmentView> = solved
-                .map(|((solved, skeleton), prior)| {
+                .map(|((solved, keypoints), prior)| {
                     let view = &scan.views[solved.id.0];
                     SegmentView {
                         photo: &view.photo,
-                        keypoints: &skeleton.keypoints,
+                        keypoints,
                         prior: Some(prior),
                         mask: view.mask.as_ref(),
                     }
@@ -116,14 +140,14 @@ impl Job<'_> {
                 .collect();
             segment(&views, &options, &|| cancel.cancelled())
         })?;
-        for ((solved, skeleton), silhouette) in report.views.iter_mut().zip(views).zip(silhouettes)
-        {
+        let solved = report.views.iter_mut().zip(keypoints).zip(silhouettes);
+        for ((solved, keypoints), silhouette) in solved {
             if let Ok(silhouette) = silhouette {
                 solved.silhouette = silhouette;
                 // The camera remains that of the skeleton, whose uncertainty the fit knows.
-                solved.skeleton = solved.skeleton.map(|before| SkeletonView {
-                    keypoints: skeleton.keypoints,
-                    ..before
+                solved.skeleton = solved.skeleton.map(|skeleton| SkeletonView {
+                    keypoints,
+                    ..skeleton
                 });
             }
         }
@@ -183,24 +207,19 @@ fn fitted_view(view: &SolvedView) -> SkeletonView {
     })
 }
 
-/// Returns a view with the joints of a body as keypoints, with their confidence
-fn with_joints_of(body: &Avatar, view: SkeletonView) -> SkeletonView {
+/// Returns the joints of a body in a view, with the confidences of its keypoints
+fn joints_in(view: &SkeletonView, body: &Avatar) -> Keypoints {
     let posed = pose_bones(&body.bone_heads, &view.pose, view.turn);
     let joints = posed.keypoints(&body.keypoints);
     let moved = view.keypoints.iter().map(|(joint, keypoint)| {
         let position = view.camera.project(joints[joint]);
-        (
-            joint,
-            Keypoint {
-                position,
-                ..keypoint
-            },
-        )
+        let keypoint = Keypoint {
+            position,
+            ..keypoint
+        };
+        (joint, keypoint)
     });
-    SkeletonView {
-        keypoints: moved.collect(),
-        ..view
-    }
+    moved.collect()
 }
 
 /// A view is inconsistent with the others if its overlap is this much below the median
