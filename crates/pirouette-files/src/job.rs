@@ -319,7 +319,7 @@ fn estimate(
         step_count: 1,
     }));
     let background = loaded.background(options).map_err(JobError::Background)?;
-    let estimated = estimate_keypoints(&loaded.scan, background.as_ref());
+    let estimated = estimate_keypoints(&loaded.scan, background.as_ref(), &|| cancel.cancelled());
     let estimated = estimated.map_err(JobError::Estimate)?;
     if cancel.cancelled() {
         return Err(PipelineError::Cancelled.into());

@@ -165,7 +165,11 @@ impl DetectedPhotos {
             let [keypoints, picture] = Self::file_names(view);
             let drawn = keypoint_picture(&view.photo, &view.keypoints);
             sink.put(&picture, as_jpeg(&sink.path(&picture), &drawn)?)?;
-            put_json(sink, &keypoints, &keypoint_file(&keypoints_in_input(view)))
+            put_json(
+                sink,
+                &keypoints,
+                &keypoint_file(&keypoints_in_input(view, &view.keypoints)),
+            )
         };
         self.views().par_iter().map(put).collect()
     }

@@ -263,7 +263,10 @@ fn write_view(
     let file = sink.path(&name);
     sink.put(&name, as_jpeg(&file, &overlay)?)?;
     if view.keypoints_from != KeypointSource::Given {
-        let value = keypoint_file(&keypoints_in_input(view));
+        // Estimated joints were replaced by those of the fitted body.
+        let skeleton = found.skeleton.as_ref();
+        let keypoints = skeleton.map_or(&view.keypoints, |skeleton| &skeleton.keypoints);
+        let value = keypoint_file(&keypoints_in_input(view, keypoints));
         put_json(sink, &within("keypoints.json"), &value)?;
     }
     let value = view_value(view, found);

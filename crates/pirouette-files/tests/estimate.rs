@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 
 use pirouette::measure::Measure;
-use pirouette::pipeline::{CancelToken, Config, Goal, Method};
+use pirouette::pipeline::{CancelToken, Config, Goal, Method, PipelineError};
 use pirouette_files::job::{FinishedJob, JobError, JobOptions, KeypointChoice, run_job};
 use pirouette_files::results::ResultOptions;
 use pirouette_files::scan_folder::scan_files;
@@ -71,6 +71,25 @@ fn a_scan_without_keypoints_is_measured_with_larger_deviations() {
 }
 
 #[test]
+fn an_estimate_can_be_cancelled() {
+    let files = without_keypoint_files(scan_files(&turning_woman(4).scan).unwrap());
+    let cancel = CancelToken::default();
+    cancel.cancel();
+    let done = run_job(
+        Source::from_files("anna", files).unwrap(),
+        &Config::new(Goal::Measure, Method::Fit),
+        &JobOptions::default(),
+        &cancel,
+        &mut |_| {},
+    );
+    let error = done.expect_err("a cancelled job");
+    assert!(
+        matches!(error, JobError::Pipeline(PipelineError::Cancelled)),
+        "{error}"
+    );
+}
+
+#[test]
 fn keypoint_files_are_not_read_if_an_estimate_is_requested() {
     let mut files = scan_files(&turning_woman(4).scan).unwrap();
     for (name, bytes) in &mut files {
@@ -93,7 +112,7 @@ fn a_photo_of_the_empty_room_is_not_a_view() {
     files.remove("scan.json");
     let photo = files["000.jpg"].clone();
     files.insert("Background.jpg".to_owned(), photo);
-    // The photo is that of the first view, so nobody stands out from it there.
+    // The photo is that of the first view, which does not differ from it.
     let error = run(files.clone(), Goal::Segment, KeypointChoice::Best).unwrap_err();
     assert!(error.to_string().contains("in 1 of 4 photos"), "{error}");
     files.insert("Background.jpg".to_owned(), b"no photo".to_vec());

@@ -46,7 +46,7 @@ fn empty_room(scan: &Scan, silhouettes: &[pirouette_geom::Mask]) -> Photo {
 #[test]
 fn joints_are_estimated_from_photos_alone() {
     let person = turning_woman(8);
-    let found = estimate_keypoints(&without_keypoints(person.scan.clone()), None);
+    let found = estimate_keypoints(&without_keypoints(person.scan.clone()), None, &|| false);
     let error = mean_error(&person.scan, &found.expect("a static room"));
     assert!(error < 0.03, "{error}");
 }
@@ -57,11 +57,11 @@ fn a_photo_of_the_empty_room_shows_the_person_in_few_photos() {
     let room = empty_room(&person.scan, &person.truth.silhouettes);
     let mut scan = without_keypoints(person.scan.clone());
     scan.views.truncate(3);
-    let error = estimate_keypoints(&scan, None).expect_err("three photos");
+    let error = estimate_keypoints(&scan, None, &|| false).expect_err("three photos");
     assert_eq!(error, EstimateError::TooFewViews { count: 3 });
     let mut three = person.scan;
     three.views.truncate(3);
-    let found = estimate_keypoints(&scan, Some(&room)).expect("a photo of the room");
+    let found = estimate_keypoints(&scan, Some(&room), &|| false).expect("a photo of the room");
     let error = mean_error(&three, &found);
     assert!(error < 0.04, "{error}");
 }
@@ -75,7 +75,7 @@ fn given_masks_replace_rough_silhouettes() {
         // The photos show nothing.
         view.photo = view.photo.map(|_| [90; 3]);
     }
-    let found = estimate_keypoints(&scan, None).expect("masks");
+    let found = estimate_keypoints(&scan, None, &|| false).expect("masks");
     let error = mean_error(&person.scan, &found);
     assert!(error < 0.03, "{error}");
 }
@@ -86,8 +86,14 @@ fn photos_without_a_person_are_refused() {
     for view in &mut scan.views {
         view.photo = view.photo.map(|_| [90; 3]);
     }
-    let error = estimate_keypoints(&scan, None).expect_err("nothing in the photos");
-    assert_eq!(error, EstimateError::NoPerson { count: 8, total: 8 });
+    let error = estimate_keypoints(&scan, None, &|| false).expect_err("nothing in the photos");
+    let first = "000".to_owned();
+    let expected = EstimateError::NoPerson {
+        count: 8,
+        total: 8,
+        first,
+    };
+    assert_eq!(error, expected);
 }
 
 #[test]
@@ -95,6 +101,6 @@ fn photos_of_several_sizes_are_refused() {
     let mut scan = without_keypoints(turning_woman(8).scan);
     let photo = &scan.views[2].photo;
     scan.views[2].photo = photo.crop(0, 0, photo.width() - 8, photo.height());
-    let error = estimate_keypoints(&scan, None).expect_err("two sizes");
+    let error = estimate_keypoints(&scan, None, &|| false).expect_err("two sizes");
     assert!(matches!(error, EstimateError::Size { .. }), "{error}");
 }

@@ -563,5 +563,8 @@ fn keypoints_of_a_shrunk_photo_are_those_of_the_input() {
         keypoint_kind: KeypointKind::MediaPipe,
         mask: None,
     };
-    assert_eq!(keypoints_in_input(&view).get(Joint::Nose), at(20.0, 60.0));
+    assert_eq!(
+        keypoints_in_input(&view, &view.keypoints).get(Joint::Nose),
+        at(20.0, 60.0)
+    );
 }

@@ -141,14 +141,14 @@ fn load_mask(
     })
 }
 
-/// Returns the keypoints of a view in px of the photo as given
-pub(crate) fn keypoints_in_input(view: &View) -> Keypoints {
+/// Returns keypoints of a view in px of the photo as given
+pub(crate) fn keypoints_in_input(view: &View, keypoints: &Keypoints) -> Keypoints {
     let (width, height) = view.input_size_px;
     let scale = glam::DVec2::new(
         width as f64 / view.photo.width() as f64,
         height as f64 / view.photo.height() as f64,
     );
-    scale_keypoints(&view.keypoints, scale)
+    scale_keypoints(keypoints, scale)
 }
 
 /// Returns keypoints in px of a photo of another size

@@ -6,6 +6,7 @@ use pirouette_body::mannequin::{MannequinError, MannequinParameters, coarse_mann
 use pirouette_body::render::SilhouetteMesh;
 use pirouette_body::{
     Avatar, Bone, Camera, Joint, Keypoint, Keypoints, Pose, ReferencePose, Sex, TurnAngle,
+    pose_bones,
 };
 use pirouette_geom::Mask;
 use pirouette_geom::parallel::prelude::*;
@@ -146,25 +147,22 @@ impl Placed {
 }
 
 /// A mannequin before the camera
-struct Figure<'a> {
+struct Model {
     avatar: Avatar,
     mesh: SilhouetteMesh,
     camera: Camera,
-    views: &'a [RoughView],
 }
 
 /// A figure that overlaps rough silhouettes best
-pub(super) struct Found {
-    avatar: Avatar,
-    mesh: SilhouetteMesh,
-    camera: Camera,
+pub(super) struct Figure {
+    model: Model,
     placed: Placed,
 }
 
 /// Finds the figure whose silhouettes overlap those of the views best; `camera` has the size of the silhouettes
 ///
-/// The distance of the camera follows from the heights of the silhouettes. With an earlier result, only its parameters
-/// are refined.
+/// The distance of the camera follows from the heights of the silhouettes. After `cancelled` returns true, the search ends
+/// with what was found so far.
 ///
 /// # Errors
 /// When there is no mannequin of that stature.
@@ -173,7 +171,8 @@ pub(super) fn find_figure(
     pose: ReferencePose,
     stature_mm: f64,
     camera: &Camera,
-) -> Result<Found, MannequinError> {
+    cancelled: &(dyn Fn() -> bool + Sync),
+) -> Result<Figure, MannequinError> {
     let of = |index: f64| {
         let avatar = coarse_mannequin(&MannequinParameters {
             sex: Sex::Neutral,
@@ -182,56 +181,47 @@ pub(super) fn find_figure(
             pose,
             ..MannequinParameters::default()
         })?;
-        let figure = Figure::new(avatar, camera, views);
-        let placed = figure.start();
-        Ok((figure, placed))
+        let model = Model::new(avatar, camera, views);
+        let placed = model.start(views);
+        Ok(Figure { model, placed })
     };
     let [first, others @ ..] = BODY_MASS_INDICES;
     let mut best = of(first)?;
     for index in others {
+        if cancelled() {
+            break;
+        }
         let tried = of(index)?;
-        if tried.1.differing() < best.1.differing() {
+        if tried.placed.differing() < best.placed.differing() {
             best = tried;
         }
     }
-    let (figure, placed) = best;
-    let placed = figure.refine(placed, &STEPS);
-    Ok(figure.found(placed))
+    let Figure { model, placed } = best;
+    let placed = model.refine(views, placed, &STEPS, cancelled);
+    Ok(Figure { model, placed })
 }
 
-impl Found {
+impl Figure {
     /// Refines the figure on other silhouettes of the same views
-    pub(super) fn refined(self, views: &[RoughView]) -> Self {
-        let Self {
-            avatar,
-            mesh,
-            camera,
-            placed,
-        } = self;
-        let figure = Figure {
-            avatar,
-            mesh,
-            camera,
-            views,
-        };
-        let placed = figure.place(placed.posture, Some(&placed));
-        let placed = figure.refine(placed, &STEPS[1..]);
-        let placed = figure.sway(placed);
-        figure.found(placed)
+    pub(super) fn refined(
+        self,
+        views: &[RoughView],
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Self {
+        let Self { model, placed } = self;
+        let placed = model.place(views, placed.posture, Some(&placed));
+        let placed = model.refine(views, placed, &STEPS[1..], cancelled);
+        let placed = model.sway(views, placed, cancelled);
+        Self { model, placed }
     }
 
     /// Renders the silhouette of the figure in each view
     pub(super) fn silhouettes(&self, views: &[RoughView]) -> Vec<Mask> {
-        let Self {
-            avatar,
-            mesh,
-            camera,
-            placed,
-        } = self;
+        let Self { model, placed } = self;
         let views = views.par_iter().zip(&placed.places);
         views
             .map(|(view, place)| {
-                let rendered = render(avatar, mesh, camera, view, &placed.posture, &place.sway);
+                let rendered = model.render(view, &placed.posture, &place.sway);
                 let (right, down) = place.shift;
                 Mask::from_fn(rendered.width(), rendered.height(), |x, y| {
                     let inside = rendered.get(x as isize - right, y as isize - down);
@@ -243,18 +233,15 @@ impl Found {
 
     /// Returns the joints in each view, in px of the silhouettes
     pub(super) fn joints(&self, views: &[RoughView]) -> Vec<Keypoints> {
-        let Self {
-            avatar,
-            camera,
-            placed,
-            ..
-        } = self;
-        let camera = placed.posture.camera(camera);
+        let Self { model, placed } = self;
+        let avatar = &model.avatar;
+        let camera = placed.posture.camera(&model.camera);
         let views = views.iter().zip(&placed.places);
         views
             .map(|(view, place)| {
-                let posed = avatar.posed(&placed.posture.pose(&place.sway), view.turn);
-                let joints = posed.bones.keypoints(&avatar.keypoints);
+                let pose = placed.posture.pose(&place.sway);
+                let posed = pose_bones(&avatar.bone_heads, &pose, view.turn);
+                let joints = posed.keypoints(&avatar.keypoints);
                 let shift = DVec2::new(place.shift.0 as f64, place.shift.1 as f64);
                 let keypoint = |joint: Joint| Keypoint {
                     position: camera.project(joints[joint]) + shift,
@@ -267,71 +254,50 @@ impl Found {
     }
 }
 
-fn render(
-    avatar: &Avatar,
-    mesh: &SilhouetteMesh,
-    camera: &Camera,
-    view: &RoughView,
-    posture: &Posture,
-    sway: &Arms,
-) -> Mask {
-    let positions = avatar.posed(&posture.pose(sway), view.turn).positions;
-    let silhouette = mesh.silhouette(&positions, &posture.camera(camera));
-    silhouette.threshold(0.5)
-}
-
-impl<'a> Figure<'a> {
-    fn new(avatar: Avatar, camera: &Camera, views: &'a [RoughView]) -> Self {
+impl Model {
+    fn new(avatar: Avatar, camera: &Camera, views: &[RoughView]) -> Self {
         let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
-        let mut figure = Self {
+        let mut model = Self {
             avatar,
             mesh,
             camera: *camera,
-            views,
         };
-        let heights = figure.views.iter().filter_map(|view| height_px(&view.mask));
+        let heights = views.iter().filter_map(|view| height_px(&view.mask));
         let Some(seen_px) = median(heights.collect()) else {
-            return figure;
+            return model;
         };
-        figure.camera.distance_mm = camera.focal_px() * figure.avatar.stature_mm() / seen_px;
+        model.camera.distance_mm = camera.focal_px() * model.avatar.stature_mm() / seen_px;
         // The feet are nearer to the camera, or farther away, than the turning axis.
         let rendered = views
             .iter()
-            .filter_map(|view| height_px(&figure.render(view, &Posture::START, &Arms::default())));
+            .filter_map(|view| height_px(&model.render(view, &Posture::START, &Arms::default())));
         if let Some(rendered_px) = median(rendered.collect()) {
-            figure.camera.distance_mm *= rendered_px / seen_px;
+            model.camera.distance_mm *= rendered_px / seen_px;
         }
-        figure
-    }
-
-    fn found(self, placed: Placed) -> Found {
-        Found {
-            avatar: self.avatar,
-            mesh: self.mesh,
-            camera: self.camera,
-            placed,
-        }
+        model
     }
 
     fn render(&self, view: &RoughView, posture: &Posture, sway: &Arms) -> Mask {
-        render(&self.avatar, &self.mesh, &self.camera, view, posture, sway)
+        let positions = self.avatar.posed(&posture.pose(sway), view.turn).positions;
+        let camera = posture.camera(&self.camera);
+        self.mesh.silhouette(&positions, &camera).threshold(0.5)
     }
 
-    /// Places the figure with each of the first rotations of the arms; returns the best
-    fn start(&self) -> Placed {
+    /// Places the model with each of the first rotations of the arms; returns the best
+    fn start(&self, views: &[RoughView]) -> Placed {
         let tried = ARM_ROTATIONS_DEGREES.map(|degrees| {
             let posture = Posture {
                 arms: [degrees, degrees, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
                 ..Posture::START
             };
-            self.place(posture, None)
+            self.place(views, posture, None)
         });
         let best = tried.into_iter().min_by_key(Placed::differing);
-        best.unwrap_or_else(|| self.place(Posture::START, None))
+        best.unwrap_or_else(|| self.place(views, Posture::START, None))
     }
 
     /// Places a posture in all views, near an earlier place if there is one
-    fn place(&self, posture: Posture, near: Option<&Placed>) -> Placed {
+    fn place(&self, views: &[RoughView], posture: Posture, near: Option<&Placed>) -> Placed {
         let place = |(index, view): (usize, &RoughView)| match near {
             Some(near) => self.place_in(view, &posture, &near.places[index]),
             None => {
@@ -348,7 +314,7 @@ impl<'a> Figure<'a> {
         };
         Placed {
             posture,
-            places: self.views.par_iter().enumerate().map(place).collect(),
+            places: views.par_iter().enumerate().map(place).collect(),
         }
     }
 
@@ -364,13 +330,22 @@ impl<'a> Figure<'a> {
     }
 
     /// Improves the parameters one by one, with decreasing steps
-    fn refine(&self, mut best: Placed, steps: &[(f64, f64)]) -> Placed {
+    fn refine(
+        &self,
+        views: &[RoughView],
+        mut best: Placed,
+        steps: &[(f64, f64)],
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Placed {
         for &step in steps {
             for _ in 0..SWEEPS {
                 let before = best.differing();
                 for (index, direction) in both_directions(Posture::COUNT) {
+                    if cancelled() {
+                        return best;
+                    }
                     let posture = best.posture.changed(index, direction, step);
-                    let tried = self.place(posture, Some(&best));
+                    let tried = self.place(views, posture, Some(&best));
                     if tried.differing() < best.differing() {
                         best = tried;
                     }
@@ -384,7 +359,12 @@ impl<'a> Figure<'a> {
     }
 
     /// Improves the arms in each view by itself
-    fn sway(&self, placed: Placed) -> Placed {
+    fn sway(
+        &self,
+        views: &[RoughView],
+        placed: Placed,
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Placed {
         let Placed { posture, places } = placed;
         let cost = |place: &Place| {
             let sigmas = place.sway.map(|degrees| degrees / SWAY_SIGMA_DEGREES);
@@ -396,6 +376,9 @@ impl<'a> Figure<'a> {
                 for _ in 0..SWEEPS {
                     let before = cost(&best);
                     for (index, direction) in both_directions(best.sway.len()) {
+                        if cancelled() {
+                            return best;
+                        }
                         let mut near = best;
                         near.sway[index] += direction * degrees;
                         let tried = self.place_in(view, &posture, &near);
@@ -412,7 +395,7 @@ impl<'a> Figure<'a> {
         };
         Placed {
             posture,
-            places: self.views.par_iter().zip(places).map(improve).collect(),
+            places: views.par_iter().zip(places).map(improve).collect(),
         }
     }
 }

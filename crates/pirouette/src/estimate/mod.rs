@@ -62,16 +62,18 @@ pub enum EstimateError {
         /// Its rows
         other_height: usize,
     },
-    /// No photo shows a person before the background
+    /// Some photos show no person before the background
     #[error(
-        "no person stands out from the background in {count} of {total} photos: the camera moved, or the person has the \
-         colors of the background; provide keypoints"
+        "no person differs from the background in {count} of {total} photos ({first}): the camera moved, or the person has \
+         the colors of the background; provide keypoints"
     )]
     NoPerson {
         /// Number of photos without
         count: usize,
         /// Number of all photos
         total: usize,
+        /// Name of the first view without
+        first: String,
     },
     /// No mannequin of that stature
     #[error("no figure of the person's height")]
@@ -81,7 +83,7 @@ pub enum EstimateError {
 /// Estimates the keypoints of all views, in px of their photos
 ///
 /// `background` shows the room without the person, from the same place; without it, the background is what most photos
-/// have in common. Given masks replace rough silhouettes.
+/// have in common. Given masks replace rough silhouettes. After `cancelled` returns true, the result is incomplete.
 ///
 /// # Errors
 /// When the background cannot be determined, or hardly anything differs from it.
@@ -92,6 +94,7 @@ pub enum EstimateError {
 pub fn estimate_keypoints(
     scan: &Scan,
     background: Option<&Photo>,
+    cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<Vec<Keypoints>, EstimateError> {
     let photos: Vec<&Photo> = scan.views.iter().map(|view| &view.photo).collect();
     let Some(&first) = photos.first() else {
@@ -121,10 +124,10 @@ pub fn estimate_keypoints(
     let views = scene.rough_views(None)?;
     let stature_mm = scan.stature_mm.unwrap_or(USUAL_STATURE_MM);
     let camera = start_camera(scan, first, side, stature_mm);
-    let mut figure = find_figure(&views, scan.pose, stature_mm, &camera)?;
+    let mut figure = find_figure(&views, scan.pose, stature_mm, &camera, cancelled)?;
     for _ in 0..REFINEMENTS {
         let views = scene.rough_views(Some(figure.silhouettes(&views)))?;
-        figure = figure.refined(&views);
+        figure = figure.refined(&views, cancelled);
     }
     let joints = figure.joints(&views);
     Ok(joints
@@ -205,14 +208,16 @@ impl<'a> Scene<'a> {
             }
         });
         let views: Vec<RoughView> = views.collect();
-        let count = views.iter().filter(|view| !is_person(&view.mask)).count();
-        if count > 0 {
-            return Err(EstimateError::NoPerson {
-                count,
+        let named = self.scan.views.iter().zip(&views);
+        let mut without = named.filter(|(_, rough)| !is_person(&rough.mask));
+        match without.next() {
+            Some((first, _)) => Err(EstimateError::NoPerson {
+                count: 1 + without.count(),
                 total: views.len(),
-            });
+                first: first.name.clone(),
+            }),
+            None => Ok(views),
         }
-        Ok(views)
     }
 }
 

@@ -130,8 +130,8 @@ pub enum SkeletonFitError {
     },
     /// The keypoints do not determine the size of the person in the photo
     #[error(
-        "no view tells the person's size in the photo: \
-         head and trunk must be seen above hips or legs"
+        "the size of the person cannot be determined in any photo: \
+         head or trunk must be visible above hips or legs"
     )]
     NoScale,
     /// The stature is not that of a person
