@@ -97,6 +97,26 @@ fn photos_without_a_person_are_refused() {
 }
 
 #[test]
+fn photos_that_have_nothing_in_common_are_refused() {
+    let mut scan = without_keypoints(turning_woman(8).scan);
+    for (shade, view) in scan.views.iter_mut().enumerate() {
+        let shade = 30 * u8::try_from(shade).expect("few views");
+        view.photo = view.photo.map(|_| [shade; 3]);
+    }
+    let error = estimate_keypoints(&scan, None, &|| false).expect_err("no background");
+    assert!(matches!(error, EstimateError::NoPerson { .. }), "{error}");
+}
+
+#[test]
+fn a_background_of_another_size_is_refused() {
+    let scan = without_keypoints(turning_woman(4).scan);
+    let room = Photo::filled(20, 30, [90; 3]);
+    let error = estimate_keypoints(&scan, Some(&room), &|| false).expect_err("another size");
+    let text = error.to_string();
+    assert!(text.contains("20x30") && text.contains("200x250"), "{text}");
+}
+
+#[test]
 fn photos_of_several_sizes_are_refused() {
     let mut scan = without_keypoints(turning_woman(8).scan);
     let photo = &scan.views[2].photo;

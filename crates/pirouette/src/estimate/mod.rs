@@ -34,6 +34,9 @@ const MIN_VIEWS: usize = 4;
 const MIN_COVER: f64 = 0.01;
 const MAX_COVER: f64 = 0.6;
 
+/// Share of the photo's border that a person covers at most
+const MAX_BORDER: f64 = 0.2;
+
 /// Why keypoints cannot be estimated
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
@@ -61,6 +64,21 @@ pub enum EstimateError {
         other_width: usize,
         /// Its rows
         other_height: usize,
+    },
+    /// The photo of the background has another size
+    #[error(
+        "the photo of the background has {found_width}x{found_height} px, the others {width}x{height} px; \
+         take it with the same camera from the same place, or remove it"
+    )]
+    BackgroundSize {
+        /// Columns of the photo of the background
+        found_width: usize,
+        /// Its rows
+        found_height: usize,
+        /// Columns of the other photos
+        width: usize,
+        /// Their rows
+        height: usize,
     },
     /// Some photos show no person before the background
     #[error(
@@ -100,15 +118,22 @@ pub fn estimate_keypoints(
     let Some(&first) = photos.first() else {
         return Ok(Vec::new());
     };
-    let size = |photo: &Photo| (photo.width(), photo.height());
-    let others = photos.iter().copied().chain(background);
-    if let Some(other) = others.clone().find(|photo| !photo.same_size(first)) {
-        let ((width, height), (other_width, other_height)) = (size(first), size(other));
+    let (width, height) = (first.width(), first.height());
+    let other_size = |photo: &&Photo| !photo.same_size(first);
+    if let Some(other) = photos.iter().copied().find(other_size) {
         return Err(EstimateError::Size {
             width,
             height,
-            other_width,
-            other_height,
+            other_width: other.width(),
+            other_height: other.height(),
+        });
+    }
+    if let Some(found) = background.filter(other_size) {
+        return Err(EstimateError::BackgroundSize {
+            found_width: found.width(),
+            found_height: found.height(),
+            width,
+            height,
         });
     }
     if background.is_none()
@@ -221,10 +246,14 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Returns whether a silhouette has a plausible size
+/// Returns whether a silhouette has a plausible size, and a plausible part of the border
 fn is_person(mask: &Mask) -> bool {
-    let share = mask.area() as f64 / (mask.width() * mask.height()).max(1) as f64;
-    (MIN_COVER..MAX_COVER).contains(&share)
+    let (width, height) = (mask.width(), mask.height());
+    let share = mask.area() as f64 / (width * height).max(1) as f64;
+    let is_border = |x: usize, y: usize| x == 0 || y == 0 || x + 1 == width || y + 1 == height;
+    let at_border = Mask::from_fn(width, height, |x, y| is_border(x, y) && mask[(x, y)]);
+    let border = at_border.area() as f64 / (2 * (width + height)).max(1) as f64;
+    (MIN_COVER..MAX_COVER).contains(&share) && border < MAX_BORDER
 }
 
 /// Returns the value at the middle of each block
