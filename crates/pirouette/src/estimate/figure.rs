@@ -215,6 +215,14 @@ impl Figure {
         Self { model, placed }
     }
 
+    /// Returns the intersection over union of the silhouettes of the figure and of the views, over all views
+    pub(super) fn overlap(&self, views: &[RoughView]) -> f64 {
+        let seen: usize = views.iter().map(|view| view.area).sum();
+        let own: usize = self.silhouettes(views).iter().map(Mask::area).sum();
+        let (sum, differing) = ((seen + own) as f64, self.placed.differing() as f64);
+        (sum - differing) / (sum + differing)
+    }
+
     /// Renders the silhouette of the figure in each view
     pub(super) fn silhouettes(&self, views: &[RoughView]) -> Vec<Mask> {
         let Self { model, placed } = self;

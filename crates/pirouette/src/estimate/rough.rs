@@ -4,6 +4,7 @@ use pirouette_geom::morphology::{close, components, fill_holes_below, open};
 use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask};
 
+use super::palette::Palette;
 use crate::scan::Photo;
 
 /// Longer side of the images that are compared, in px; averaging suppresses noise
@@ -16,7 +17,7 @@ const MAX_BACKGROUND_VIEWS: usize = 16;
 const SAME_COLOR: f32 = 7.0;
 
 /// Colors that differ by more from the background belong to the person, in levels
-const OTHER_COLOR: f32 = 9.0;
+pub(super) const OTHER_COLOR: f32 = 9.0;
 
 /// Weight of brightness relative to hue: shadows change brightness
 const BRIGHTNESS_WEIGHT: f32 = 0.6;
@@ -70,7 +71,7 @@ pub(super) fn blocks(photo: &Photo, side: usize) -> Blocks {
     })
 }
 
-fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
+pub(super) fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
     let square: f32 = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();
     square.sqrt()
 }
@@ -88,15 +89,39 @@ pub(super) struct Estimate {
 /// Color of the background at each pixel; `None` where no view shows it
 pub(super) type Background = Grid<Option<[f32; 3]>>;
 
+/// Returns how many colors are equal to a color
+pub(super) fn votes(colors: &[[f32; 3]], color: [f32; 3]) -> usize {
+    let equal = colors.iter().filter(|&&c| distance(c, color) < SAME_COLOR);
+    equal.count()
+}
+
+/// How the votes of the views for a color of the background are weighted
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Votes {
+    /// The color that most views show
+    Plain,
+    /// The color that most views show, if it is usual in the background where most views agree: what clothes of one color hide
+    /// in most views is found, but shadows count as the person
+    ByPalette,
+}
+
 /// Returns at each pixel the color that most views agree on, the first of equals; only views count in which it
 /// is certainly not hidden
 pub(super) fn common_background(
     views: &[Blocks],
     figures: Option<&[Estimate]>,
+    weight: Votes,
 ) -> Option<Background> {
     let first = views.first()?;
     let (width, height) = (first.width(), first.height());
     let step = views.len().div_ceil(MAX_BACKGROUND_VIEWS);
+    let used: Vec<&Blocks> = views.iter().step_by(step).collect();
+    let palette = (weight == Votes::ByPalette).then(|| Palette::new(&used));
+    let share = |color: [f32; 3]| {
+        palette
+            .as_ref()
+            .map_or(1.0, |palette| palette.background_share(color))
+    };
     let rows = (0..height).into_par_iter().map(|y| {
         let mut colors: Vec<[f32; 3]> = Vec::with_capacity(views.len());
         let color = |x: usize| {
@@ -104,12 +129,11 @@ pub(super) fn common_background(
             let shown = |view: &usize| figures.is_none_or(|figures| !figures[*view].hidden[(x, y)]);
             let shown = (0..views.len()).step_by(step).filter(shown);
             colors.extend(shown.map(|view| views[view][(x, y)]));
-            let votes = |of: [f32; 3]| {
-                let agreeing = colors.iter().filter(|&&c| distance(c, of) < SAME_COLOR);
-                agreeing.count()
-            };
-            // `max_by_key` returns the last of equal maxima, so the order is reversed.
-            colors.iter().rev().copied().max_by_key(|&c| votes(c))
+            let scored = |&color: &[f32; 3]| (votes(&colors, color) as f32 * share(color), color);
+            // `max_by` returns the last of equal maxima, so the order is reversed.
+            let best = colors.iter().map(scored).rev();
+            let best = best.max_by(|(a, _), (b, _)| a.total_cmp(b));
+            best.map(|(_, color)| color)
         };
         (0..width).map(color).collect::<Vec<_>>()
     });

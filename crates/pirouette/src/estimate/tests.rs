@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::figure::overlap;
 use super::rough::{
-    Background, Blocks, Estimate, as_exposed, blocks, common_background, rough_silhouette,
+    Background, Blocks, Estimate, Votes, as_exposed, blocks, common_background, rough_silhouette,
 };
 use super::shrunk;
 use crate::scan::Photo;
@@ -44,7 +44,7 @@ fn the_background_is_what_most_views_show() {
         view_with_box(12..20),
         view_with_box(20..30),
     ];
-    let background = common_background(&views, None).expect("three views");
+    let background = common_background(&views, None, Votes::Plain).expect("three views");
     assert!(
         background
             .as_slice()
@@ -62,18 +62,36 @@ fn a_figure_hides_the_background_behind_it() {
         view_with_box(10..25),
         view_with_box(30..40),
     ];
-    let found = common_background(&views, None).expect("four views");
+    let found = common_background(&views, None, Votes::Plain).expect("four views");
     assert_eq!(found[(15, 15)], Some(BLUE));
     let figures = views
         .each_ref()
         .map(|view| estimate(view.map(|color| color[0] < 50.0), 40, 30));
-    let found = common_background(&views, Some(&figures)).expect("four views");
+    let found = common_background(&views, Some(&figures), Votes::Plain).expect("four views");
     assert_eq!(found[(15, 15)], Some(GRAY));
     let all = views
         .each_ref()
         .map(|_| estimate(Mask::filled(40, 30, true), 40, 30));
-    let found = common_background(&views, Some(&all)).expect("four views");
+    let found = common_background(&views, Some(&all), Votes::Plain).expect("four views");
     assert!(found.as_slice().iter().all(Option::is_none));
+}
+
+#[test]
+fn clothes_that_most_views_show_are_not_the_background() {
+    // Three of five views show the box at column 15; where four of five agree, gray is background and blue is not.
+    let views = [
+        view_with_box(5..16),
+        view_with_box(14..17),
+        view_with_box(15..26),
+        view_with_box(20..22),
+        view_with_box(30..40),
+    ];
+    let at = |votes: Votes| {
+        let found = common_background(&views, None, votes).expect("five views");
+        found[(15, 15)]
+    };
+    assert_eq!(at(Votes::Plain), Some(BLUE));
+    assert_eq!(at(Votes::ByPalette), Some(GRAY));
 }
 
 #[test]
