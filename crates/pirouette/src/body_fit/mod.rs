@@ -166,10 +166,13 @@ impl Default for BodyFitOptions {
 }
 
 impl BodyFitOptions {
-    /// Returns these options with half of the rounds: sufficient for the outline of a prior
+    /// Returns these options with a third of the rounds: sufficient for the outline of a prior
     pub fn rough(&self) -> Self {
-        let mut options = self.clone();
-        options.rounds.truncate(self.rounds.len() / 2);
+        let mut options = Self {
+            overlaps: false,
+            ..self.clone()
+        };
+        options.rounds.truncate(self.rounds.len() / 3);
         options
     }
 

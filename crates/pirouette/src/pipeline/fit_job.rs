@@ -15,14 +15,13 @@ use crate::view::{SolvedView, ViewId};
 impl Job<'_> {
     /// Fits one body to all views
     ///
-    /// Detected and estimated keypoints are less accurate than a fitted body: after a first fit, its joints replace them,
+    /// Detected and estimated keypoints are less accurate than a fitted body: after a rough fit, its joints replace them,
     /// silhouettes are computed again with its outline, and it is fitted to both. If views are inconsistent with the others, they
     /// are dropped, and the body is fitted again.
     pub(super) fn fit_body(&mut self, report: &mut Report) -> Result<(), PipelineError> {
         let options = &self.config.fit;
         let detected = self.detected_keypoints(report);
-        let mut views = self.scan.views.iter();
-        if views.any(|view| view.keypoints_from != KeypointSource::Given) {
+        if self.segments_again() {
             self.fit_all(report, &options.rough())?;
             self.segment_again(report)?;
         }

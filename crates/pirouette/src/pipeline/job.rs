@@ -211,7 +211,10 @@ impl<'a> Job<'a> {
         priors: &[Mask],
     ) -> Result<Vec<SolvedView>, PipelineError> {
         let (scan, cancel) = (self.scan, self.cancel);
-        let options = self.segment_options();
+        let mut options = self.segment_options();
+        if skeleton_views.is_some() && self.segments_again() {
+            options = options.rough();
+        }
         let silhouettes: Vec<Result<Silhouette, SegmentError>> =
             self.stage(Stage::Segment, 1, |_| {
                 let views: Vec<SegmentView> = scan
@@ -244,6 +247,14 @@ impl<'a> Job<'a> {
         }
         self.check_left(views.len())?;
         Ok(views)
+    }
+
+    /// Returns whether silhouettes are computed again with the fitted body: if keypoints are uncertain
+    pub(super) fn segments_again(&self) -> bool {
+        let given = |view: &View| view.keypoints_from == KeypointSource::Given;
+        self.config.method == Method::Fit
+            && self.config.goal >= Goal::Normalize
+            && !self.scan.views.iter().all(given)
     }
 
     pub(super) fn segment_options(&self) -> SegmentOptions {

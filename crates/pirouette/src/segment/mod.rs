@@ -73,6 +73,17 @@ impl Default for SegmentOptions {
     }
 }
 
+impl SegmentOptions {
+    /// Returns these options with one pass and hard borders: sufficient for a first fit of the body
+    pub fn rough(&self) -> Self {
+        Self {
+            passes: 1,
+            alpha: false,
+            ..*self
+        }
+    }
+}
+
 /// The silhouette of the person in one photo
 #[derive(Debug, Clone)]
 pub struct Silhouette {
