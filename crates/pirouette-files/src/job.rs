@@ -280,8 +280,14 @@ pub(crate) fn detect(
     if cancel.cancelled() {
         return Err(PipelineError::Cancelled);
     }
+    if let Some(&first) = found.second_person.first() {
+        loaded.warnings.push(ScanWarning::SecondPerson {
+            count: found.second_person.len(),
+            first: loaded.photo_file(indices[first]).to_owned(),
+        });
+    }
     let mut rejected = Vec::new();
-    for (index, found) in indices.into_iter().zip(found) {
+    for (index, found) in indices.into_iter().zip(found.keypoints) {
         let view = &mut loaded.scan.views[index];
         match found {
             Some(keypoints) => {

@@ -88,6 +88,9 @@ impl Region {
     /// Largest size, and largest distance of the center from the photo's corner, in px
     pub const MAX_SIZE: f64 = 1e6;
 
+    /// Distance of the centers from which two regions show different persons, relative to the larger size
+    const ELSEWHERE: f64 = 0.25;
+
     /// Creates a square of edge length `size` px, rotated by `turn` radians, clockwise on the screen.
     ///
     /// Returns `None` unless all values are finite, `size` is positive and at most [`Self::MAX_SIZE`], and so are the
@@ -139,6 +142,14 @@ impl Region {
     /// Rotation, in radians, clockwise on the screen
     pub fn turn(&self) -> f64 {
         self.turn
+    }
+
+    /// Returns whether two regions are so far apart that they show different persons.
+    ///
+    /// The size of a region is about 1.3 times the stature. Who turns on the spot moves by less than a tenth of it.
+    pub fn is_elsewhere(&self, other: &Self) -> bool {
+        let [dx, dy] = std::array::from_fn(|axis| self.center[axis] - other.center[axis]);
+        dx.hypot(dy) > Self::ELSEWHERE * self.size.max(other.size)
     }
 
     /// Converts a position in the region, (0, 0) at its top left and (1, 1) at its bottom right corner, to px of the
@@ -195,6 +206,14 @@ mod tests {
         ] {
             assert!(Region::new([x, 0.0], size, turn).is_none());
         }
+    }
+
+    #[test]
+    fn regions_of_different_persons_are_a_quarter_of_their_size_apart() {
+        let at = |x: f64, size: f64| Region::new([x, 50.0], size, 0.0).unwrap();
+        assert!(!at(100.0, 200.0).is_elsewhere(&at(149.0, 150.0)));
+        assert!(at(100.0, 200.0).is_elsewhere(&at(151.0, 150.0)));
+        assert!(at(151.0, 150.0).is_elsewhere(&at(100.0, 200.0)));
     }
 
     #[test]

@@ -26,22 +26,30 @@ impl PoseModel {
     /// Takes three passes if the person fills the photo, up to about 70 if there is none. If several persons are
     /// visible, the one that the network is most certain of is returned.
     pub fn search(&self, photo: &Photo) -> Option<Region> {
+        self.search_where(photo, &|_| true)
+    }
+
+    /// Searches the complete photo for another person than the one in `region`; otherwise as [`Self::search`].
+    pub fn search_beside(&self, photo: &Photo, region: &Region) -> Option<Region> {
+        self.search_where(photo, &|found| found.next_region.is_elsewhere(region))
+    }
+
+    fn search_where(&self, photo: &Photo, accepted: &dyn Fn(&Detection) -> bool) -> Option<Region> {
         let mut runner = Runner::new(self, *photo, false);
         let mut best: Option<Detection> = None;
+        let is_better = |found: &Detection, best: &Option<Detection>| {
+            best.as_ref()
+                .is_none_or(|best| found.presence > best.presence)
+        };
         for size in WINDOW_SIZES {
             for window in windows(runner.photo(), size) {
                 let found = follow(&mut runner, window);
-                if best
-                    .as_ref()
-                    .is_none_or(|best| found.presence > best.presence)
-                {
+                if is_better(&found, &best) && accepted(&found) {
                     best = Some(found);
                 }
             }
-            if best
-                .as_ref()
-                .is_some_and(|best| best.presence > CERTAIN_PRESENCE)
-            {
+            let presence = best.as_ref().map(|best| best.presence);
+            if presence.is_some_and(|presence| presence > CERTAIN_PRESENCE) {
                 break;
             }
         }

@@ -1,7 +1,8 @@
 //! Detection of the person's keypoints in photos, by the pose networks of [`pirouette_pose`].
 //!
 //! The camera is static, so the person is searched in one photo, and the region found there is used for all photos of the
-//! same size. The 33 landmarks are converted to BODY_25: neck and mid hip are midpoints, small toes are missing, and nose
+//! same size. A helper or a mirror image is noticed if found first: by standing still, or by another place in single photos.
+//! The 33 landmarks are converted to BODY_25: neck and mid hip are midpoints, small toes are missing, and nose
 //! and eyes are omitted where the person is seen from behind, where the network invents them.
 //!
 //! # Source
@@ -10,7 +11,7 @@
 use glam::{DVec2, DVec3};
 use pirouette_body::{Avatar, Joint, Keypoint, Keypoints, PerJoint, ReferencePose};
 use pirouette_geom::parallel::prelude::*;
-use pirouette_pose::{LANDMARK_COUNT, Landmark, PoseModel, Region};
+use pirouette_pose::{Detection, LANDMARK_COUNT, Landmark, PoseModel, Region};
 
 use crate::scan::Photo;
 
@@ -99,33 +100,131 @@ fn levelness(avatar: &Avatar) -> f64 {
     (1.0 - below / ReferencePose::A.arm_angle_degrees()).clamp(0.0, 1.0)
 }
 
-/// Detects the keypoints of the person in each photo, in px of the photo; `None` where no person is found
+/// Keypoints that were detected in photos
+#[derive(Debug, Clone, PartialEq)]
+pub struct DetectedKeypoints {
+    /// Keypoints of each photo, in px of the photo; `None` where no person is found
+    pub keypoints: Vec<Option<Keypoints>>,
+    /// Indices of photos in which another person was found first, in increasing order
+    pub second_person: Vec<usize>,
+}
+
+/// Detects the keypoints of the person in each photo
 ///
-/// `on_photo_done` is called after each photo, from any thread. After `cancelled` returns true, photos without a result
-/// have `None`.
+/// If the person who is found first stands still in all photos, another one is searched who turns. `on_photo_done` is called
+/// after each photo, from any thread. After `cancelled` returns true, photos without a result have `None`.
 pub fn detect_keypoints(
     model: &PoseModel,
     photos: &[&Photo],
     on_photo_done: &(dyn Fn() + Sync),
     cancelled: &(dyn Fn() -> bool + Sync),
-) -> Vec<Option<Keypoints>> {
-    let search = |photo: &&Photo| {
-        let searched = (!cancelled()).then(|| as_input(photo)).flatten();
-        searched.and_then(|photo| model.search(&photo))
+) -> DetectedKeypoints {
+    let search = |index: usize| {
+        let photo = (!cancelled()).then(|| as_input(photos[index])).flatten()?;
+        Some((index, model.search(&photo)?))
     };
-    let mut regions = photos.iter().map(search).enumerate();
-    let first = regions.find_map(|(index, region)| Some((index, region?)));
-    let detect = |(index, photo): (usize, &&Photo)| {
-        let known = first.filter(|_| !cancelled());
-        let found = known.and_then(|(first, region)| {
-            let region = photo.same_size(photos[first]).then_some(region);
-            // Photos before the first one were searched in vain.
-            detect_in(model, photo, region, index > first)
-        });
-        on_photo_done();
-        found
+    let first = (0..photos.len()).find_map(search);
+    let in_all =
+        |known: Option<(usize, Region)>, done: &(dyn Fn() + Sync)| -> Vec<Option<Detection>> {
+            let detect = |(index, photo): (usize, &&Photo)| {
+                let known = known.filter(|_| !cancelled());
+                let found = known.and_then(|(first, region)| {
+                    let region = photo.same_size(photos[first]).then_some(region);
+                    // Photos before the first one were searched in vain.
+                    detect_in(model, photo, region, index > first)
+                });
+                done();
+                found
+            };
+            photos.par_iter().enumerate().map(detect).collect()
+        };
+    let mut found = in_all(first, on_photo_done);
+    let mut second_person = Vec::new();
+    if let Some((index, region)) = first
+        && photos.len() >= MIN_TURNING_PHOTOS
+        && turning_px(&found) < STANDS_STILL * region.size()
+        && let Some(other) = search_beside(model, photos[index], &region).filter(|_| !cancelled())
+    {
+        let others = in_all(Some((index, other)), &|| {});
+        if turning_px(&others) > turning_px(&found) {
+            found = others;
+            second_person.push(index);
+        }
+    }
+    let moved = follow_usual(&mut found, |index, region| {
+        detect_in(model, photos[index], Some(region), false)
+    });
+    second_person.extend(moved);
+    second_person.sort_unstable();
+    second_person.dedup();
+    let to_keypoints = |found: &Detection| to_keypoints(&found.landmarks);
+    DetectedKeypoints {
+        keypoints: found.iter().map(|f| f.as_ref().map(to_keypoints)).collect(),
+        second_person,
+    }
+}
+
+/// Minimum number of photos in which a person who does not turn is someone else
+const MIN_TURNING_PHOTOS: usize = 3;
+
+/// Variation over the photos of the distance of the left side from the right one, below which a person does not turn, relative
+/// to the size of the region
+///
+/// Half a turn changes it by twice the widths of shoulders and hips, about half of the size.
+const STANDS_STILL: f64 = 0.15;
+
+/// Searches for another person than the one in a region
+fn search_beside(model: &PoseModel, photo: &Photo, region: &Region) -> Option<Region> {
+    model.search_beside(&as_input(photo)?, region)
+}
+
+/// Returns how much the distance of the left side from the right side varies over the photos, in px
+///
+fn turning_px(found: &[Option<Detection>]) -> f64 {
+    let across = |found: &Detection| left_of_right(&to_keypoints(&found.landmarks));
+    let across = found.iter().flatten().map(across);
+    let (least, most) = across.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), x| {
+        (least.min(x), most.max(x))
+    });
+    most - least
+}
+
+/// Detects again, in the usual region, where a person was found elsewhere; returns the photos in which another one is there
+fn follow_usual(
+    found: &mut [Option<Detection>],
+    detect: impl Fn(usize, Region) -> Option<Detection>,
+) -> Vec<usize> {
+    let regions = found.iter().flatten().map(|found| found.next_region);
+    let Some(usual) = usual_region(regions.collect()) else {
+        return Vec::new();
     };
-    photos.par_iter().enumerate().map(detect).collect()
+    let mut moved = Vec::new();
+    for (index, found) in found.iter_mut().enumerate() {
+        let elsewhere = |found: &Detection| found.next_region.is_elsewhere(&usual);
+        if !found.as_ref().is_some_and(elsewhere) {
+            continue;
+        }
+        // If nobody is there, the person was not where the others are: the camera moved.
+        if let Some(there) = detect(index, usual).filter(|there| !elsewhere(there)) {
+            *found = Some(there);
+            moved.push(index);
+        }
+    }
+    moved
+}
+
+/// Returns the region that is nearest to all others
+fn usual_region(regions: Vec<Region>) -> Option<Region> {
+    let distance = |a: &Region, b: &Region| {
+        let [a, b] = [a, b].map(|region| DVec2::from_array(region.center()));
+        a.distance(b)
+    };
+    let sum =
+        |region: &Region| -> f64 { regions.iter().map(|other| distance(region, other)).sum() };
+    regions
+        .iter()
+        .min_by(|a, b| sum(a).total_cmp(&sum(b)))
+        .copied()
 }
 
 /// Detects the person in one photo, in a region if one is known and shows the person, otherwise by a search if permitted
@@ -134,7 +233,7 @@ fn detect_in(
     photo: &Photo,
     region: Option<Region>,
     search: bool,
-) -> Option<Keypoints> {
+) -> Option<Detection> {
     let photo = as_input(photo)?;
     let detect = |region: Region| {
         let detection = model.detect(&photo, &region, PASSES, false);
@@ -142,8 +241,7 @@ fn detect_in(
     };
     let found = region.and_then(detect);
     let searched = || search.then(|| model.search(&photo)).flatten();
-    let found = found.or_else(|| searched().and_then(detect))?;
-    Some(to_keypoints(&found.landmarks))
+    found.or_else(|| searched().and_then(detect))
 }
 
 /// Borrows a photo for the network; `None` if it is empty or too large
@@ -183,12 +281,16 @@ pub fn to_keypoints(landmarks: &[Landmark; LANDMARK_COUNT]) -> Keypoints {
 
 /// Returns whether the left shoulder and hip are on the left side of the photo
 fn is_seen_from_behind(keypoints: &Keypoints) -> bool {
+    left_of_right(keypoints) < 0.0
+}
+
+/// Returns how far left shoulder and hip lie to the right of the right ones, summed, in px
+fn left_of_right(keypoints: &Keypoints) -> f64 {
     let across = |left: Joint, right: Joint| {
         let x = |joint: Joint| keypoints.get(joint).position.x;
         x(left) - x(right)
     };
     across(Joint::LeftShoulder, Joint::RightShoulder) + across(Joint::LeftHip, Joint::RightHip)
-        < 0.0
 }
 
 #[cfg(test)]

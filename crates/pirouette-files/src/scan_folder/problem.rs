@@ -188,6 +188,11 @@ pub enum ScanWarning {
         "{count} JSON files have the name of no photo ({first}); if they are keypoint files, name them by \"keypoints\" of each view in scan.json"
     )]
     JsonFilesUnused { count: usize, first: String },
+    #[error(
+        "{count} photos show a second person or a mirror image ({first}); the joints are those of the person who turns; take \
+         photos without anyone else, since colors and outlines of both may be confused"
+    )]
+    SecondPerson { count: usize, first: String },
 }
 
 impl ScanWarning {
@@ -216,6 +221,7 @@ impl ScanWarning {
             ScanWarning::KeypointFilesFound { .. } => "keypoint_files_found",
             ScanWarning::KeypointFileUnclear { .. } => "keypoint_file_unclear",
             ScanWarning::JsonFilesUnused { .. } => "json_files_unused",
+            ScanWarning::SecondPerson { .. } => "second_person",
         }
     }
 }
