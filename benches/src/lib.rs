@@ -321,7 +321,7 @@ pub fn fit_shared_skeleton(
         .map(|view| KeypointView {
             turn: view.turn,
             keypoints: view.keypoints,
-            keypoints_from: view.keypoints_from,
+            keypoint_kind: view.keypoint_kind,
             width_px: view.photo.width(),
             height_px: view.photo.height(),
         })

@@ -168,7 +168,10 @@ impl DetectedPhotos {
             put_json(
                 sink,
                 &keypoints,
-                &keypoint_file(&keypoints_in_input(view, &view.keypoints)),
+                &keypoint_file(
+                    &keypoints_in_input(view, &view.keypoints),
+                    view.keypoint_kind,
+                ),
             )
         };
         self.views().par_iter().map(put).collect()

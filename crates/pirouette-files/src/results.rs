@@ -266,7 +266,7 @@ fn write_view(
         // Estimated joints were replaced by those of the fitted body.
         let skeleton = found.skeleton.as_ref();
         let keypoints = skeleton.map_or(&view.keypoints, |skeleton| &skeleton.keypoints);
-        let value = keypoint_file(&keypoints_in_input(view, keypoints));
+        let value = keypoint_file(&keypoints_in_input(view, keypoints), view.keypoint_kind);
         put_json(sink, &within("keypoints.json"), &value)?;
     }
     let value = view_value(view, found);

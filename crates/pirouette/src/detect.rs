@@ -195,7 +195,8 @@ fn follow_usual(
     detect: impl Fn(usize, Region) -> Option<Detection>,
 ) -> Vec<usize> {
     let regions = found.iter().flatten().map(|found| found.next_region);
-    let Some(usual) = usual_region(regions.collect()) else {
+    let regions: Vec<Region> = regions.collect();
+    let Some(usual) = usual_region(&regions) else {
         return Vec::new();
     };
     let mut moved = Vec::new();
@@ -214,7 +215,7 @@ fn follow_usual(
 }
 
 /// Returns the region that is nearest to all others
-fn usual_region(regions: Vec<Region>) -> Option<Region> {
+fn usual_region(regions: &[Region]) -> Option<Region> {
     let distance = |a: &Region, b: &Region| {
         let [a, b] = [a, b].map(|region| DVec2::from_array(region.center()));
         a.distance(b)

@@ -122,3 +122,11 @@ pub struct View {
     /// A given silhouette, size of `photo`; replaces segmentation
     pub mask: Option<Mask>,
 }
+
+impl View {
+    /// Returns whether a fitted body has more accurate joints: if the keypoints are estimates, or those of a fast detector
+    pub fn keypoints_are_rough(&self) -> bool {
+        self.keypoints_from == KeypointSource::Estimate
+            || self.keypoint_kind == KeypointKind::MediaPipe
+    }
+}

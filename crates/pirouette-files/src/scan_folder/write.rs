@@ -7,11 +7,12 @@ use std::path::Path;
 use serde_json::json;
 use thiserror::Error;
 
+use crate::formats::keypoints::MEDIA_PIPE;
 use crate::formats::{manifest, photo};
 #[cfg(feature = "folders")]
 use crate::sink::make_folder;
 use crate::sink::{Sink, WriteError};
-use pirouette::scan::{Scan, View};
+use pirouette::scan::{KeypointKind, Scan, View};
 use pirouette_body::{Keypoints, ReferencePose, Sex};
 
 /// JPEG quality of written photos, typical of cameras
@@ -79,7 +80,7 @@ fn put_view(sink: &Sink, view: &View) -> Result<(), WriteScanError> {
         })?;
     sink.put(&format!("{name}.jpg"), jpeg)?;
     if let Some(file) = keypoint_file_name(view) {
-        let keypoints = keypoint_file(&view.keypoints).to_string();
+        let keypoints = keypoint_file(&view.keypoints, view.keypoint_kind).to_string();
         sink.put(&file, keypoints.into_bytes())?;
     }
     if let Some(mask) = &view.mask {
@@ -98,8 +99,8 @@ fn keypoint_file_name(view: &View) -> Option<String> {
     (view.keypoints.found_count() > 0).then(|| format!("{name}_keypoints.json"))
 }
 
-/// Returns one person as OpenPose JSON 1.3
-pub fn keypoint_file(keypoints: &Keypoints) -> serde_json::Value {
+/// Returns one person as OpenPose JSON 1.3, with the name of the detector if its joints are not OpenPose's
+pub fn keypoint_file(keypoints: &Keypoints, kind: KeypointKind) -> serde_json::Value {
     let rounded = |value: f64, digits: f64| (value * digits).round() / digits;
     let numbers: Vec<f64> = keypoints
         .iter()
@@ -111,7 +112,12 @@ pub fn keypoint_file(keypoints: &Keypoints) -> serde_json::Value {
             ]
         })
         .collect();
-    json!({ "version": 1.3, "people": [{ "person_id": [-1], "pose_keypoints_2d": numbers }] })
+    let mut file =
+        json!({ "version": 1.3, "people": [{ "person_id": [-1], "pose_keypoints_2d": numbers }] });
+    if kind == KeypointKind::MediaPipe {
+        file["detector"] = json!(MEDIA_PIPE);
+    }
+    file
 }
 
 fn manifest_of(scan: &Scan) -> serde_json::Value {

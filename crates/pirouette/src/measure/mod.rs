@@ -74,7 +74,7 @@ pub struct MeasureInput<'a> {
     pub subject: Subject,
     /// Share of the views whose silhouettes were given instead of found in photos
     pub given_masks: f64,
-    /// Share of the views whose keypoints were detected instead of given: see [`crate::detect`]
+    /// Share of the views, 0 to 1, whose keypoints are those of MediaPipe: see [`crate::detect`]
     pub detected_keypoints: f64,
     /// Share of the views, 0 to 1, whose keypoints were estimated without a detector
     pub estimated_keypoints: f64,

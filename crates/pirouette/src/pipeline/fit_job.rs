@@ -7,7 +7,7 @@ use crate::initial_body::{choose_start, fit_views, start_as};
 use crate::pipeline::job::Job;
 use crate::pipeline::stages::render_priors;
 use crate::pipeline::{AvatarSource, Config, DropReason, Method, PipelineError, Report, Stage};
-use crate::scan::{CameraSetup, KeypointSource};
+use crate::scan::{CameraSetup, KeypointKind};
 use crate::segment::{SegmentView, segment};
 use crate::skeleton_fit::SkeletonView;
 use crate::view::{SolvedView, ViewId};
@@ -48,12 +48,12 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Returns the keypoints of the views in which a detector found them
+    /// Returns the keypoints of the views in which the fast detector found them
     fn detected_keypoints(&self, report: &Report) -> Vec<(ViewId, Keypoints)> {
         let detected = report
             .views
             .iter()
-            .filter(|view| self.scan.views[view.id.0].keypoints_from == KeypointSource::BlazePose);
+            .filter(|view| self.scan.views[view.id.0].keypoint_kind == KeypointKind::MediaPipe);
         detected
             .map(|view| (view.id, view.skeleton().keypoints))
             .collect()
@@ -114,9 +114,9 @@ impl Job<'_> {
         };
         let fitted: Vec<SkeletonView> = report.views.iter().map(fitted_view).collect();
         let keypoints = report.views.iter().zip(&fitted).map(|(solved, fitted)| {
-            match scan.views[solved.id.0].keypoints_from {
-                KeypointSource::Given => fitted.keypoints,
-                KeypointSource::BlazePose | KeypointSource::Estimate => joints_in(fitted, body),
+            match scan.views[solved.id.0].keypoints_are_rough() {
+                true => joints_in(fitted, body),
+                false => fitted.keypoints,
             }
         });
         let keypoints: Vec<Keypoints> = keypoints.collect();

@@ -21,7 +21,7 @@ use crate::pipeline::warning::{self, Warning};
 use crate::pipeline::{
     CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError, Report, Stage,
 };
-use crate::scan::{KeypointSource, Scan, View};
+use crate::scan::{KeypointKind, KeypointSource, Scan, View};
 use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
 use crate::skeleton_fit::{KeypointView, Skeleton, SkeletonFitOptions, SkeletonView, fit_skeleton};
 use crate::view::{SolvedView, ViewId};
@@ -251,10 +251,9 @@ impl<'a> Job<'a> {
 
     /// Returns whether silhouettes are computed again with the fitted body: if keypoints are uncertain
     pub(super) fn segments_again(&self) -> bool {
-        let given = |view: &View| view.keypoints_from == KeypointSource::Given;
         self.config.method == Method::Fit
             && self.config.goal >= Goal::Normalize
-            && !self.scan.views.iter().all(given)
+            && self.scan.views.iter().any(View::keypoints_are_rough)
     }
 
     pub(super) fn segment_options(&self) -> SegmentOptions {
@@ -374,9 +373,8 @@ impl<'a> Job<'a> {
             let count = views.iter().filter(|v| of(&scan.views[v.id.0])).count();
             count as f64 / views.len().max(1) as f64
         };
-        let from = |source| share_of(&|view| view.keypoints_from == source);
-        let detected_keypoints = from(KeypointSource::BlazePose);
-        let estimated_keypoints = from(KeypointSource::Estimate);
+        let detected_keypoints = share_of(&|view| view.keypoint_kind == KeypointKind::MediaPipe);
+        let estimated_keypoints = share_of(&|view| view.keypoints_from == KeypointSource::Estimate);
         let doubts = Doubts::of(scan, report);
         let found = self.stage(Stage::Measure, 1, |_| {
             let outlines = match source {

@@ -37,8 +37,8 @@ pub enum Warning {
         residual_px: f64,
     },
     #[error(
-        "keypoints were detected in the photos: standard deviations are larger than with given keypoints, most of all \
-         for shoulder width and back length"
+        "the keypoints are those of MediaPipe: standard deviations are larger than with keypoints of OpenPose, most of \
+         all for shoulder width and back length"
     )]
     KeypointsDetected,
     #[error(

@@ -25,7 +25,7 @@ mod turns;
 use glam::DVec3;
 
 use crate::detect::detected_positions;
-use crate::scan::{CameraSetup, KeypointSource, View};
+use crate::scan::{CameraSetup, KeypointKind, View};
 use doubts::find_contradicted;
 use model::{Problem, Shared, Unknowns, room_joints};
 use pirouette_body::{
@@ -48,8 +48,8 @@ pub struct KeypointView {
     pub turn: TurnAngle,
     /// Detected joints, in px of the photo
     pub keypoints: Keypoints,
-    /// Origin of the keypoints
-    pub keypoints_from: KeypointSource,
+    /// Definition of the joints by their detector
+    pub keypoint_kind: KeypointKind,
     /// Width of the photo in px
     pub width_px: usize,
     /// Height of the photo in px
@@ -62,7 +62,7 @@ impl From<&View> for KeypointView {
         Self {
             turn: view.turn,
             keypoints: view.keypoints,
-            keypoints_from: view.keypoints_from,
+            keypoint_kind: view.keypoint_kind,
             width_px: view.photo.width(),
             height_px: view.photo.height(),
         }
@@ -215,7 +215,7 @@ pub fn fit_skeleton(
         return Err(SkeletonFitError::StatureImplausible { stature_mm });
     }
     let mut avatar = avatar.clone().scaled(stature_mm / own_stature_mm);
-    let of_detector = |view: &&KeypointView| view.keypoints_from == KeypointSource::BlazePose;
+    let of_detector = |view: &&KeypointView| view.keypoint_kind == KeypointKind::MediaPipe;
     if 2 * views.iter().filter(of_detector).count() > views.len() {
         avatar.keypoints = detected_positions(&avatar);
     }

@@ -500,7 +500,7 @@ proptest! {
                     keypoints.set(joint, Keypoint { position, confidence: noise.uniform() });
                 }
                 let turn = TurnAngle::from_degrees(1000.0 * noise.normal());
-                KeypointView { turn, keypoints, keypoints_from: KeypointSource::Given, width_px, height_px }
+                KeypointView { turn, keypoints, keypoint_kind: KeypointKind::default(), width_px, height_px }
             })
             .collect();
         let camera = CameraSetup { vertical_fov_radians: fov, ..CameraSetup::default() };

@@ -93,7 +93,7 @@ pub(super) fn annotations(node: &Node) -> Option<Result<Vec<Photo>, KeypointsErr
         let photo = Photo {
             key: Some(file.unwrap_or_else(|| id.clone())),
             size_px: side("width").zip(side("height")),
-            people: vec![],
+            ..Photo::of(vec![])
         };
         photos.insert(id.to_string(), photo);
     }

@@ -27,6 +27,7 @@ use thiserror::Error;
 
 use crate::formats::json::{JsonError, to_strict};
 use layout::Layout;
+pub(crate) use openpose::MEDIA_PIPE;
 use photos::{Key, Photo, key_of_value, match_photos};
 use points::{NotPoints, Person};
 use tree::{Node, list_keys};

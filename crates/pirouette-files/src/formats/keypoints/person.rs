@@ -87,8 +87,8 @@ pub(super) fn detection(
             ..Detection::default()
         });
     };
-    let kind = entry.layout.kind();
-    if kind != KeypointKind::OpenPose && is_in_other_order(&keypoints) {
+    let kind = photo.kind.unwrap_or(entry.layout.kind());
+    if entry.layout.kind() != KeypointKind::OpenPose && is_in_other_order(&keypoints) {
         let point_count = entry.points.len();
         return Err(KeypointsError::Order {
             person,

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use pirouette::scan::KeypointKind;
+
 use super::points::Person;
 use super::tree::Node;
 
@@ -13,6 +15,8 @@ pub(super) struct Photo {
     pub(super) key: Option<Key>,
     /// Width and height of the image in which the coordinates are px, if the file states them
     pub(super) size_px: Option<(f64, f64)>,
+    /// Definition of the joints, if the file names the detector
+    pub(super) kind: Option<KeypointKind>,
     pub(super) people: Vec<Person>,
 }
 
@@ -22,6 +26,7 @@ impl Photo {
         Self {
             key: None,
             size_px: None,
+            kind: None,
             people,
         }
     }

@@ -190,7 +190,7 @@ pub(super) fn scan(setting: &Setting) -> Truth {
         views.push(KeypointView {
             turn,
             keypoints,
-            keypoints_from: KeypointSource::Given,
+            keypoint_kind: KeypointKind::default(),
             width_px: camera.width_px,
             height_px: camera.height_px,
         });

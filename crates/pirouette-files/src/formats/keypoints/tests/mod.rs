@@ -43,6 +43,16 @@ fn every_format_gives_the_same_person() {
     }
 }
 
+#[test]
+fn a_written_file_keeps_the_definition_of_the_joints() {
+    let text = openpose("pose_keypoints_2d", &points(Layout::Body25));
+    let found = parse(&text).unwrap();
+    for kind in [KeypointKind::OpenPose, KeypointKind::MediaPipe] {
+        let file = crate::scan_folder::keypoint_file(&found.keypoints, kind);
+        assert_eq!(parse(&file.to_string()).unwrap().kind, kind);
+    }
+}
+
 /// Small pseudo-random numbers
 struct Random(u64);
 
