@@ -299,6 +299,37 @@ fn bones_of_unusual_length_widen_the_deviations() {
 }
 
 #[test]
+fn photos_of_another_height_widen_the_deviations_or_give_no_measurements() {
+    let of_child = |views: &[usize]| {
+        let mut scan = scan_of_masks();
+        for &view in views {
+            let view = &mut scan.views[view];
+            let (width, height) = (view.photo.width(), view.photo.height());
+            let floor = 0.9 * height as f64;
+            let mask = view.mask.take().unwrap();
+            view.mask = Some(Grid::from_fn(width, height, |x, y| {
+                let y = floor - (floor - y as f64) / 0.95;
+                y >= 0.0 && mask[(x, (y as usize).min(height - 1))]
+            }));
+        }
+        scanned(&scan)
+    };
+    let said = |w: &Warning| *w == Warning::OtherHeights { view_count: 1 };
+    assert!(!of_child(&[]).warnings.iter().any(said));
+    let one = of_child(&[3]);
+    assert!(one.warnings.iter().any(said), "{:?}", one.warnings);
+    let several = of_child(&[1, 4, 6]);
+    assert!(
+        matches!(
+            several.refusal,
+            Some(Refusal::OtherHeights { view_count: 2.. })
+        ),
+        "{:?}",
+        several.refusal
+    );
+}
+
+#[test]
 fn a_person_before_a_wide_lens_is_measured_as_before_a_straight_one() {
     let girths = |scan: &Scan| {
         let all = scanned(scan).measurements.expect("no refusal");

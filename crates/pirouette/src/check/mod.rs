@@ -13,7 +13,9 @@ use thiserror::Error;
 use crate::scan::{Scan, View};
 use pirouette_body::{Joint, Keypoint, Keypoints, ReferencePose};
 
-pub(crate) use silhouettes::{Border, blur_px, cut_off_views, excess_px, is_cut_off};
+pub(crate) use silhouettes::{
+    Border, blur_px, cut_off_views, excess_px, is_cut_off, other_heights,
+};
 
 /// Minimum number of different photos of a body
 const MIN_PHOTOS: usize = 3;
