@@ -3,7 +3,9 @@
 //! The *room* frame is the world frame (millimeters, y up, origin on the floor on the turning axis) fixed to the
 //! camera; the person turns in it. The camera stands on the +z axis and looks along -z, unless it is pitched or yawed.
 
-use glam::{DVec2, DVec3};
+use glam::{DMat2, DVec2, DVec3};
+
+use crate::lens::Lens;
 
 /// A pinhole camera on the +z axis of the room
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,6 +24,8 @@ pub struct Camera {
     pub pitch_radians: f64,
     /// Yaw; positive looks to the right of the turning axis, towards +x
     pub yaw_radians: f64,
+    /// Radial distortion: the coefficient of the [`Lens`]
+    pub distortion: f64,
 }
 
 impl Camera {
@@ -72,6 +76,15 @@ impl Camera {
             yaw_cos,
             focal_px: self.focal_px(),
             middle: DVec2::new(self.width_px as f64 / 2.0, self.height_px as f64 / 2.0),
+            lens: self.lens(),
+        }
+    }
+
+    /// Returns the lens
+    pub fn lens(&self) -> Lens {
+        Lens {
+            coefficient: self.distortion,
+            half_height_px: self.height_px as f64 / 2.0,
         }
     }
 
@@ -97,13 +110,20 @@ impl Camera {
         self.projector().project_gradients(point)
     }
 
+    /// Returns the derivatives of the photo point of a room point by its position in the photo of a lens without
+    /// distortion
+    pub fn lens_gradient(&self, point: DVec3) -> DMat2 {
+        let view = self.view_from_room(point);
+        let straight = view.truncate() * (self.focal_px() / view.z);
+        self.lens().bend_gradient(straight)
+    }
+
     /// Returns the unit direction in the room of the ray through a photo point
     pub fn ray(&self, photo: DVec2) -> DVec3 {
         let projector = self.projector();
         let focal = self.focal_px();
-        let x = (photo.x - self.width_px as f64 / 2.0) / focal;
-        let y = (photo.y - self.height_px as f64 / 2.0) / focal;
-        let room = projector.right() * x + projector.down() * y + projector.ahead();
+        let at = projector.lens.straighten(photo - projector.middle) / focal;
+        let room = projector.right() * at.x + projector.down() * at.y + projector.ahead();
         room / room.length()
     }
 }
@@ -119,6 +139,7 @@ pub struct Projector {
     yaw_cos: f64,
     focal_px: f64,
     middle: DVec2,
+    lens: Lens,
 }
 
 impl Projector {
@@ -156,7 +177,8 @@ impl Projector {
 
     /// Projects a point in the view frame to photo coordinates, in px
     pub fn photo_from_view(&self, view: DVec3) -> DVec2 {
-        self.middle + view.truncate() * (self.focal_px / view.z)
+        let straight = view.truncate() * (self.focal_px / view.z);
+        self.middle + self.lens.bend(straight)
     }
 
     /// Like [`Camera::project_gradients`]
@@ -164,10 +186,15 @@ impl Projector {
         let view = self.view_from_room(point);
         let scale = self.focal_px / view.z;
         let (x_axis, y_axis, z_axis) = (self.right(), self.down(), self.ahead());
-        [
+        let straight = [
             (x_axis - z_axis * (view.x / view.z)) * scale,
             (y_axis - z_axis * (view.y / view.z)) * scale,
-        ]
+        ];
+        if self.lens.coefficient == 0.0 {
+            return straight;
+        }
+        let bend = self.lens.bend_gradient(view.truncate() * scale);
+        [bend.row(0), bend.row(1)].map(|row| straight[0] * row.x + straight[1] * row.y)
     }
 }
 
@@ -184,6 +211,7 @@ mod tests {
             distance_mm: 2400.0,
             pitch_radians: 0.1,
             yaw_radians: -0.2,
+            distortion: 0.1,
         }
     }
 
@@ -192,6 +220,7 @@ mod tests {
         let level = Camera {
             pitch_radians: 0.0,
             yaw_radians: 0.0,
+            distortion: 0.0,
             ..camera()
         };
         let p = DVec3::new(120.0, 1500.0, 80.0);
@@ -212,6 +241,7 @@ mod tests {
         let yawed = |yaw_radians| Camera {
             pitch_radians: 0.0,
             yaw_radians,
+            distortion: 0.0,
             ..camera()
         };
         let x = yawed(0.2).project(ahead).x;

@@ -5,6 +5,7 @@
 //! reads no photos and opens no files.
 
 pub mod gltf;
+pub mod lens;
 pub mod mannequin;
 pub mod render;
 pub mod survey;

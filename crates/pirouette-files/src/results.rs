@@ -488,6 +488,7 @@ fn camera_value(camera: &Camera) -> Value {
         "distance_mm": rounded(camera.distance_mm, 1),
         "pitch_deg": rounded(camera.pitch_radians.to_degrees(), 3),
         "yaw_deg": rounded(camera.yaw_radians.to_degrees(), 3),
+        "distortion": rounded(camera.distortion, 4),
     })
 }
 

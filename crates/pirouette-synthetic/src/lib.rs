@@ -72,6 +72,7 @@ impl SyntheticOptions {
             distance_mm: seen / (2.0 * (vertical_fov_radians / 2.0).tan()) + 0.1 * stature_mm,
             pitch_radians: 0.0,
             yaw_radians: 0.0,
+            distortion: 0.0,
         }
     }
 }
@@ -190,6 +191,7 @@ pub fn synthesize_in(
             distance_mm: None,
             pitch_radians: (camera.pitch_radians != 0.0).then_some(camera.pitch_radians),
             yaw_radians: None,
+            distortion: 0.0,
         },
         views: Vec::new(),
         unusable_view_count: 0,

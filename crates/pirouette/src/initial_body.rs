@@ -204,6 +204,7 @@ fn pose_avatar(
         distance_mm: Some(camera.distance_mm),
         pitch_radians: Some(camera.pitch_radians),
         yaw_radians: Some(camera.yaw_radians),
+        distortion: camera.distortion,
     };
     let options = SkeletonFitOptions {
         fix_swaps: false,

@@ -71,6 +71,9 @@ pub struct CameraSetup {
     pub pitch_radians: Option<f64>,
     /// Yaw; positive looks to the right of the turning axis
     pub yaw_radians: Option<f64>,
+    /// Radial distortion of the lens, the coefficient of [`pirouette_body::lens::Lens`]; found in the photos by
+    /// [`crate::check::check_scan`]
+    pub distortion: f64,
 }
 
 /// Origin of the keypoints of a view

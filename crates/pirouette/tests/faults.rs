@@ -14,9 +14,10 @@ use pirouette::skeleton_fit::{
     fit_skeleton,
 };
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
-use pirouette_body::{Joint, Keypoint, Keypoints, ReferencePose};
+use pirouette_body::{Camera, Joint, Keypoint, Keypoints, ReferencePose};
 use pirouette_geom::Grid;
 use pirouette_synthetic::people::turning_woman;
+use pirouette_synthetic::{Clutter, SyntheticOptions, synthesize};
 
 /// A scan whose silhouettes are given, which spares the segmentation
 fn scan_of_masks() -> Scan {
@@ -295,6 +296,81 @@ fn bones_of_unusual_length_widen_the_deviations() {
         hip.sd_mm.unwrap() / hip.value_mm.unwrap()
     };
     assert!(sd(&short) > sd(&healthy).max(0.029), "{}", sd(&short));
+}
+
+#[test]
+fn photos_of_another_height_widen_the_deviations_or_give_no_measurements() {
+    let of_child = |views: &[usize]| {
+        let mut scan = scan_of_masks();
+        for &view in views {
+            let view = &mut scan.views[view];
+            let (width, height) = (view.photo.width(), view.photo.height());
+            let floor = 0.9 * height as f64;
+            let mask = view.mask.take().unwrap();
+            view.mask = Some(Grid::from_fn(width, height, |x, y| {
+                let y = floor - (floor - y as f64) / 0.95;
+                y >= 0.0 && mask[(x, (y as usize).min(height - 1))]
+            }));
+        }
+        scanned(&scan)
+    };
+    let said = |w: &Warning| *w == Warning::OtherHeights { view_count: 1 };
+    assert!(!of_child(&[]).warnings.iter().any(said));
+    let one = of_child(&[3]);
+    assert!(one.warnings.iter().any(said), "{:?}", one.warnings);
+    let several = of_child(&[1, 4, 6]);
+    assert!(
+        matches!(
+            several.refusal,
+            Some(Refusal::OtherHeights { view_count: 2.. })
+        ),
+        "{:?}",
+        several.refusal
+    );
+}
+
+#[test]
+fn a_person_before_a_wide_lens_is_measured_as_before_a_straight_one() {
+    let girths = |scan: &Scan| {
+        let all = scanned(scan).measurements.expect("no refusal");
+        [Measure::BustGirth, Measure::WaistGirth, Measure::HipGirth]
+            .map(|measure| all.value_mm(measure).unwrap())
+    };
+    let photographed = |distortion: f64| {
+        let avatar = mannequin(&MannequinParameters::default()).unwrap();
+        let straight = SyntheticOptions::camera_for(avatar.stature_mm(), 200, 250);
+        let options = SyntheticOptions {
+            seed: 3,
+            turns: SyntheticOptions::even_turns(8),
+            camera: Camera {
+                distortion,
+                ..straight
+            },
+            sway: 1.0,
+            keypoint_noise_px: 2.0,
+            turn_noise_radians: 0.0,
+            sensor_noise: 2.0,
+            clutter: Clutter::Plain,
+            photos: true,
+        };
+        let person = synthesize(&avatar, &options);
+        let mut scan = person.scan;
+        for (view, silhouette) in scan.views.iter_mut().zip(person.truth.silhouettes) {
+            view.mask = Some(silhouette);
+        }
+        scan
+    };
+    let mut wide = photographed(0.1);
+    let uncorrected = girths(&wide);
+    wide.camera.distortion = 0.1;
+    let corrected = girths(&wide);
+    let expected = girths(&photographed(0.0));
+    for i in 0..3 {
+        let off = |girths: [f64; 3]| girths[i] / expected[i] - 1.0;
+        let (corrected, uncorrected) = (off(corrected), off(uncorrected));
+        assert!(corrected.abs() < 0.012, "{i}: {corrected}");
+        assert!(uncorrected > 0.025, "{i}: {uncorrected}");
+    }
 }
 
 #[test]

@@ -186,6 +186,7 @@ mod tests {
             distance_mm: 2500.0,
             pitch_radians: 0.0,
             yaw_radians: 0.0,
+            distortion: 0.0,
         }
     }
 

@@ -21,7 +21,8 @@ pub(super) const MAX_DEVIATIONS: f64 = 3.0;
 pub(super) const MIN_ERROR_MM: f64 = 10.0;
 
 /// Codes of the warnings that state a correction of the input
-const CORRECTIONS: [&str; 9] = [
+const CORRECTIONS: [&str; 10] = [
+    "lens_distorted",
     "other_pose",
     "mask_fixed",
     "camera_contradicted",

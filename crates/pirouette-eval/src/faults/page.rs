@@ -86,7 +86,7 @@ fn outcomes(faults: &[Fault], found: &[Found]) -> Table {
 /// Compares errors with standard deviations, for measured captures with and without a fault
 fn deviations(faults: &[Fault], found: &[Found]) -> Table {
     let mut table = Table::new(
-        "errors of captures that were measured without a correction",
+        "errors of measured captures",
         &[
             "measure",
             "captures",
@@ -103,7 +103,7 @@ fn deviations(faults: &[Fault], found: &[Found]) -> Table {
     );
     let measured: Vec<&Found> = found
         .iter()
-        .filter(|f| matches!(f.judged.outcome, Outcome::Right | Outcome::Wrong))
+        .filter(|f| f.judged.outcome != Outcome::Refused)
         .collect();
     let (healthy, faulty): (Vec<&Found>, Vec<&Found>) =
         measured.into_iter().partition(|f| is_healthy(faults, f));
@@ -204,7 +204,8 @@ fn page(options: &FaultsOptions, faults: &[Fault], found: &[Found], tables: &[Ta
          - right: all measures are right, without a correction\n\
          - wrong: a measure is off by more than {MAX_DEVIATIONS:.0} of its reported standard deviations and more than {MIN_ERROR_MM:.0} mm\n\n\
          The measures are the girths of neck, bust, waist, hip, thigh and calf, and the crotch height. `SD ratio` is the median\n\
-         of the reported standard deviations relative to those of the same person and measure without a fault.\n\n",
+         of the reported standard deviations relative to those of the same person and measure without a fault. At least 68, 95\n\
+         and 99 % of the errors should be within 1, 2 and 3 standard deviations.\n\n",
         faults.len() - 1,
         options.people,
         BMI.start(),

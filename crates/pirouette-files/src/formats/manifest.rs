@@ -194,6 +194,7 @@ pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
                 .map(f64::to_radians),
             yaw_radians: within(camera.yaw_deg, YAW_DEG, || "camera.yaw_deg".into())?
                 .map(f64::to_radians),
+            distortion: 0.0,
         },
         background: file.background,
         views: file.views,

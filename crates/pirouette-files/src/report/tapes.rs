@@ -211,6 +211,7 @@ fn far_camera(low: DVec3, high: DVec3) -> Camera {
         distance_mm: DISTANCE_STATURES * stature,
         pitch_radians: 0.0,
         yaw_radians: 0.0,
+        distortion: 0.0,
     }
 }
 

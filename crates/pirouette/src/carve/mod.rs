@@ -16,7 +16,7 @@ mod projected_view;
 
 use std::f64::consts::PI;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use pirouette_geom::TriMesh;
 use pirouette_geom::isosurface::{Field, SurfaceError, SurfaceOptions, extract_surface};
 
@@ -455,8 +455,10 @@ fn direction_spread(turns: impl Iterator<Item = TurnAngle>) -> f64 {
 /// Across the line of sight by 1 / cos of the angle off the optical axis; along it, the distance grows with the depth,
 /// which adds 15 % within a quarter of the depth; larger blocks are never skipped.
 fn slope_bound(camera: &Camera) -> f64 {
-    let half_diagonal = (camera.width_px as f64).hypot(camera.height_px as f64) / 2.0;
-    1.15 * (half_diagonal / camera.focal_px()).hypot(1.0)
+    let corner = DVec2::new(camera.width_px as f64, camera.height_px as f64) / 2.0;
+    let stretched = camera.lens().bend_gradient(corner) * corner;
+    let stretch = f64::max(stretched.length() / corner.length(), 1.0);
+    1.15 * stretch * (corner.length() / camera.focal_px()).hypot(1.0)
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::CarveView;
+use pirouette_body::lens::Lens;
 use pirouette_geom::outline_map::OutlineMap;
 
 /// A silhouette's outline map and the projection onto it
@@ -16,6 +17,7 @@ pub(super) struct ProjectedView<'a> {
     pub(super) mm_per_px_at_unit_depth: f64,
     /// Principal point, px
     center: [f64; 2],
+    lens: Lens,
 }
 
 impl<'a> ProjectedView<'a> {
@@ -33,6 +35,7 @@ impl<'a> ProjectedView<'a> {
                 view.camera.width_px as f64 / 2.0,
                 view.camera.height_px as f64 / 2.0,
             ],
+            lens: view.camera.lens(),
         }
     }
 
@@ -48,10 +51,12 @@ impl<'a> ProjectedView<'a> {
     fn project(&self, point: DVec3) -> (f64, f64, f64) {
         let [x, y, z] = self.axes;
         let in_view = self.origin + x * point.x + y * point.y + z * point.z;
-        let px_per_mm = self.focal_px / in_view.z;
+        let bent = self
+            .lens
+            .bend(in_view.truncate() * (self.focal_px / in_view.z));
         (
-            self.center[0] + in_view.x * px_per_mm,
-            self.center[1] + in_view.y * px_per_mm,
+            self.center[0] + bent.x,
+            self.center[1] + bent.y,
             if in_view.z > 0.0 {
                 in_view.z * self.mm_per_px_at_unit_depth
             } else {

@@ -66,6 +66,7 @@ fn camera() -> Camera {
         distance_mm: 2400.0,
         pitch_radians: 0.06,
         yaw_radians: 0.0,
+        distortion: 0.0,
     }
 }
 

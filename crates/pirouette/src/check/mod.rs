@@ -3,6 +3,7 @@
 //! A mistake in the input that the stages cannot notice gives a body that looks right and is wrong: a photo given eight
 //! times, a pose stated wrongly, joints that were not found but have a confidence.
 
+mod distortion;
 mod duplicates;
 mod pose;
 mod silhouettes;
@@ -13,7 +14,9 @@ use thiserror::Error;
 use crate::scan::{Scan, View};
 use pirouette_body::{Joint, Keypoint, Keypoints, ReferencePose};
 
-pub(crate) use silhouettes::{Border, blur_px, cut_off_views, excess_px, is_cut_off};
+pub(crate) use silhouettes::{
+    Border, blur_px, cut_off_views, excess_px, is_cut_off, other_heights,
+};
 
 /// Minimum number of different photos of a body
 const MIN_PHOTOS: usize = 3;
@@ -39,7 +42,7 @@ pub enum CheckError {
 }
 
 /// A correction of a scan
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum CheckWarning {
     /// The joints show another pose than the stated one
@@ -51,6 +54,15 @@ pub enum CheckWarning {
         /// The pose by the joints
         found: ReferencePose,
     },
+    /// The lens bends straight edges of the room
+    #[error(
+        "the lens bends straight edges of the room: a distortion of {percent:.0} % at half the height of the photos is \
+         corrected; use a lens that is not wide-angle, at a larger distance"
+    )]
+    LensDistorted {
+        /// Shift of the photo's upper edge by the lens, in percent of half the height; negative if outward
+        percent: f64,
+    },
 }
 
 impl CheckWarning {
@@ -58,6 +70,7 @@ impl CheckWarning {
     pub fn code(&self) -> &'static str {
         match self {
             CheckWarning::OtherPose { .. } => "other_pose",
+            CheckWarning::LensDistorted { .. } => "lens_distorted",
         }
     }
 }
@@ -70,7 +83,7 @@ fn pose_name(pose: ReferencePose) -> &'static str {
 }
 
 /// What [`check_scan`] found
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Checked {
     /// Corrections of the scan
     pub warnings: Vec<CheckWarning>,
@@ -81,7 +94,8 @@ pub struct Checked {
 /// Checks a scan and corrects what is certainly wrong
 ///
 /// Joints at the corner of the photo are not found, whatever their confidence: detectors write 0, 0 for them. A pose
-/// that the joints contradict is replaced. Views with repeated photos are reported, not removed.
+/// that the joints contradict is replaced. The distortion of the lens is found by the edges of the room. Views with
+/// repeated photos are reported, not removed.
 ///
 /// # Errors
 /// When fewer than three different photos are left of three or more.
@@ -102,6 +116,12 @@ pub fn check_scan(scan: &mut Scan) -> Result<Checked, CheckError> {
     if let Some(found) = pose::pose_by_joints(&scan.views).filter(|found| *found != scan.pose) {
         scan.pose = found;
         warnings.push(CheckWarning::OtherPose { found });
+    }
+    if let Some(coefficient) = distortion::find_distortion(&scan.views) {
+        scan.camera.distortion = coefficient;
+        warnings.push(CheckWarning::LensDistorted {
+            percent: 100.0 * coefficient,
+        });
     }
     Ok(Checked { warnings, repeats })
 }

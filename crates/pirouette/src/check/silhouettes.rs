@@ -40,6 +40,34 @@ pub(crate) fn is_cut_off(mask: &Mask, border: Border) -> bool {
     extent as f64 > MIN_CUT * height as f64
 }
 
+/// Shift of the crown in one view that is not usual, as a share of the height of the person in the photos
+///
+/// People who turn and sway: up to 0.027. Statures that differ by 70 mm: 0.04.
+const MAX_CROWN_SHIFT: f64 = 0.036;
+
+/// Returns the silhouettes whose crown is clearly higher or lower than that of most, by index: another person, or
+/// another position of the camera
+///
+/// Rows are relative to the height of the photo, since photos of one camera may differ in size.
+pub(crate) fn other_heights<'a>(masks: impl Iterator<Item = &'a Mask>) -> Vec<usize> {
+    let extents: Vec<Option<(f64, f64)>> = masks
+        .map(|mask| {
+            let height = mask.height() as f64;
+            let (_, top, _, bottom) = mask.bounding_box()?;
+            Some((top as f64 / height, (bottom - top) as f64 / height))
+        })
+        .collect();
+    let found = || extents.iter().flatten();
+    let middle = |of: fn(&(f64, f64)) -> f64| median(&mut found().map(of).collect::<Vec<_>>());
+    let (Some(crown), Some(height)) = (middle(|e| e.0), middle(|e| e.1)) else {
+        return Vec::new();
+    };
+    let other = |extent: &Option<(f64, f64)>| {
+        extent.is_some_and(|(top, _)| (top - crown).abs() > MAX_CROWN_SHIFT * height)
+    };
+    (0..extents.len()).filter(|&i| other(&extents[i])).collect()
+}
+
 /// Reach of a profile across the outline, in px to each side
 const REACH: usize = 7;
 
@@ -150,4 +178,27 @@ fn steepest_of_profile(photo: &Photo, x: usize, y: usize) -> Option<f64> {
         .max_by(|a, b| a.1.total_cmp(b.1))?;
     // The difference of pixels k and k + 2 is centered on pixel k + 1.
     Some((x - REACH + at) as f64 + 1.5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the silhouette of a person whose crown is in a row of a photo of 100 rows
+    fn standing(crown: usize) -> Mask {
+        Mask::from_fn(40, 100, |x, y| {
+            (15..25).contains(&x) && (crown..90).contains(&y)
+        })
+    }
+
+    #[test]
+    fn a_higher_crown_in_one_view_is_another_height_and_sway_is_not() {
+        let others = |crowns: &[usize]| {
+            let masks: Vec<Mask> = crowns.iter().map(|&crown| standing(crown)).collect();
+            other_heights(masks.iter())
+        };
+        assert!(others(&[10, 11, 9, 10, 12, 10]).is_empty());
+        assert_eq!(others(&[10, 11, 6, 10, 10, 14]), [2, 5]);
+        assert!(others(&[]).is_empty());
+    }
 }

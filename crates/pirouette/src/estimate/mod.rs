@@ -327,6 +327,7 @@ fn start_camera(scan: &Scan, photo: &Photo, side: usize, stature_mm: f64) -> Cam
         distance_mm: 2.0 * stature_mm,
         pitch_radians: setup.pitch_radians.unwrap_or(0.0),
         yaw_radians: setup.yaw_radians.unwrap_or(0.0),
+        distortion: setup.distortion,
     }
 }
 

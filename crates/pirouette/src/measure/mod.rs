@@ -87,6 +87,8 @@ pub struct MeasureInput<'a> {
 pub struct ExtraSd {
     /// Of every value but the stature, as a share of it
     pub share: f64,
+    /// Of heights and lengths, as a share of them
+    pub length_share: f64,
     /// Of the position of an outline, in mm
     pub outline_mm: f64,
 }
@@ -96,14 +98,14 @@ impl ExtraSd {
     ///
     /// An outline that is off widens a girth by a circle's share; a length has two ends.
     fn of(&self, measure: Measure, value_mm: f64) -> f64 {
-        let turns = if measure.girths().is_empty() {
-            2.0
+        let (turns, share) = if measure.girths().is_empty() {
+            (2.0, self.share.hypot(self.length_share))
         } else {
-            std::f64::consts::TAU
+            (std::f64::consts::TAU, self.share)
         };
         match measure {
             Measure::Stature => 0.0,
-            _ => (self.share * value_mm).hypot(turns * self.outline_mm),
+            _ => (share * value_mm).hypot(turns * self.outline_mm),
         }
     }
 }

@@ -119,6 +119,7 @@ fn camera() -> Camera {
         distance_mm: 2400.0,
         pitch_radians: 0.03,
         yaw_radians: 0.0,
+        distortion: 0.0,
     }
 }
 

@@ -5,7 +5,7 @@
 
 use thiserror::Error;
 
-use crate::check::{Border, blur_px, cut_off_views, excess_px, median};
+use crate::check::{Border, blur_px, cut_off_views, excess_px, median, other_heights};
 use crate::measure::ExtraSd;
 use crate::pipeline::{Report, Warning};
 use crate::scan::{KeypointSource, Scan, View};
@@ -25,6 +25,14 @@ const SHARE_AT_MIN: f64 = 0.05;
 /// Share of the views in which a border of the photo may cut off the feet or the head
 pub(super) const MAX_CUT_OFF: f64 = 0.3;
 
+/// Share of the views in which the crown may have another height, of at least two
+const MAX_OTHER_HEIGHTS: f64 = 0.24;
+
+/// Standard deviation due to a view in which the crown has another height, as a share of a value
+///
+/// One photo of eight that shows another person changes girths by up to 2 %.
+const OTHER_HEIGHT_SHARE: f64 = 0.01;
+
 /// Standard deviation due to a bone of unusual length, as a share of a value
 ///
 /// Healthy scans have none; wrong values of the camera shorten or lengthen bones.
@@ -37,7 +45,7 @@ const UNKNOWN_FOV_SHARE: f64 = 0.006;
 
 /// Median horizontal distance of the keypoints from the fitted body's joints that is refused, in mm
 ///
-/// Healthy scans: below 4 mm.
+/// Healthy scans: below 4 mm. (Bodies follow keypoints that are too low, and lose overlap.)
 const MAX_SHIFT_MM: f64 = 14.0;
 
 /// Distance of given masks from the edges of the photos that is usual, in px
@@ -48,6 +56,13 @@ const USUAL_EXCESS_PX: f64 = 0.8;
 /// A camera that is not level looks like a photo that was cropped or padded at one end, but shows the body differently.
 const USUAL_PITCH_DEGREES: f64 = 4.0;
 const SHARE_PER_PITCH_DEGREE: f64 = 0.006;
+
+/// Pitch above which heights are less certain, in degrees, and their share of a height per degree beyond it
+///
+/// Estimated pitches of level cameras are below 0.3 degrees. Photos that were padded below or cropped above look pitched by
+/// 2.7 to 5 degrees, and the crotch is then 15 to 26 mm too high.
+const LEVEL_PITCH_DEGREES: f64 = 1.2;
+const HEIGHT_SHARE_PER_PITCH_DEGREE: f64 = 0.003;
 
 /// Blur of photos that the usual standard deviations include, in mm at the person
 const USUAL_BLUR_MM: f64 = 2.5;
@@ -134,6 +149,15 @@ pub enum Refusal {
         /// Number of these views
         view_count: usize,
     },
+    /// The photos show people of different heights, or the camera was moved
+    #[error(
+        "no body and no measurements: the head is higher or lower in {view_count} views than in the others; \
+         check that all photos show the same person, before a camera that does not move or zoom"
+    )]
+    OtherHeights {
+        /// Number of these views
+        view_count: usize,
+    },
 }
 
 impl Refusal {
@@ -144,6 +168,7 @@ impl Refusal {
             Refusal::KeypointsShifted { .. } => "keypoints_shifted",
             Refusal::FeetCutOff { .. } => "feet_cut_off",
             Refusal::HeadCutOff { .. } => "head_cut_off",
+            Refusal::OtherHeights { .. } => "other_heights",
         }
     }
 }
@@ -161,6 +186,10 @@ pub(super) fn judge(scan: &Scan, report: &Report) -> Option<Refusal> {
     }
     if let Some(view_count) = cut_off(Border::Top) {
         return Some(Refusal::HeadCutOff { view_count });
+    }
+    let view_count = other_heights(masks()).len();
+    if view_count > 1 && view_count as f64 > MAX_OTHER_HEIGHTS * count as f64 {
+        return Some(Refusal::OtherHeights { view_count });
     }
     let shift_px = keypoint_shift_px(scan, report);
     if let (Some(shift_px), Some(px_mm)) = (shift_px, px_mm(report))
@@ -223,33 +252,36 @@ pub(super) struct Doubts {
     yaw_radians: f64,
     /// Distance by which given masks reach beyond the edges of the photos, in mm at the person, if it is large
     excess_mm: Option<f64>,
-    /// Estimated pitch of the camera, if it is large
-    pitch_degrees: Option<f64>,
+    /// Estimated pitch of the camera; 0 if it was given
+    pitch_degrees: f64,
     /// Standard deviation, as a share of a value, due to a skeleton that contradicts the stature or human proportions
     skeleton_share: f64,
     /// Whether the field of view was estimated
     unknown_fov: bool,
     /// Number of views in which the photo's border cuts off an arm
     cut_arms: usize,
+    /// Number of views in which the crown has another height
+    other_heights: usize,
 }
 
 impl Doubts {
     pub(super) fn of(scan: &Scan, report: &Report) -> Self {
         let overlap = report.mean_fit_iou().filter(|&iou| iou < GOOD_OVERLAP);
-        let masks = report.views.iter().map(|view| &view.silhouette.mask);
+        let masks = || report.views.iter().map(|view| &view.silhouette.mask);
         let skeleton = report.skeleton.as_ref();
         let free = skeleton.filter(|_| scan.camera.pitch_radians.is_none());
-        let pitch_degrees = free.map(|skeleton| skeleton.camera.pitch_radians.to_degrees());
+        let pitch_radians = free.map_or(0.0, |skeleton| skeleton.camera.pitch_radians);
         Self {
             overlap,
             blur_mm: blur_mm(scan, report).filter(|&blur| blur > USUAL_BLUR_MM),
             px_mm: px_mm(report).filter(|&size| size > USUAL_PX_MM),
             excess_mm: excess_mm(scan, report),
-            pitch_degrees: pitch_degrees.filter(|pitch| pitch.abs() > USUAL_PITCH_DEGREES),
+            pitch_degrees: pitch_radians.to_degrees(),
             yaw_radians: skeleton.map_or(0.0, |skeleton| skeleton.camera.yaw_radians),
             skeleton_share: skeleton.map_or(0.0, skeleton_share),
             unknown_fov: scan.camera.vertical_fov_radians.is_none(),
-            cut_arms: cut_off_views(masks, Border::Side),
+            cut_arms: cut_off_views(masks(), Border::Side),
+            other_heights: other_heights(masks()).len(),
         }
     }
 
@@ -262,8 +294,10 @@ impl Doubts {
             excess_mm,
             pitch_degrees,
             cut_arms,
+            other_heights,
             ..
         } = *self;
+        let tilted = pitch_degrees.abs() > USUAL_PITCH_DEGREES;
         let cut_off = (cut_arms > 0).then_some(Warning::ArmsCutOff {
             view_count: cut_arms,
         });
@@ -272,8 +306,11 @@ impl Doubts {
             blur_mm.map(|blur_mm| Warning::Blurred { blur_mm }),
             excess_mm.map(|excess_mm| Warning::MasksOffEdges { excess_mm }),
             px_mm.map(|px_mm| Warning::SmallPerson { px_mm }),
-            pitch_degrees.map(|pitch_degrees| Warning::CameraTilted { pitch_degrees }),
+            tilted.then_some(Warning::CameraTilted { pitch_degrees }),
             cut_off,
+            (other_heights > 0).then_some(Warning::OtherHeights {
+                view_count: other_heights,
+            }),
         ]
         .into_iter()
         .flatten()
@@ -292,9 +329,8 @@ impl Doubts {
         } else {
             0.0
         };
-        let tilt = self.pitch_degrees.map_or(0.0, |pitch| {
-            (pitch.abs() - USUAL_PITCH_DEGREES) * SHARE_PER_PITCH_DEGREE
-        });
+        let beyond = |usual_degrees: f64| f64::max(self.pitch_degrees.abs() - usual_degrees, 0.0);
+        let tilt = SHARE_PER_PITCH_DEGREE * beyond(USUAL_PITCH_DEGREES);
         let blur_mm = self.blur_mm.map_or(0.0, |blur| {
             ERROR_PER_BLUR * (blur * blur - USUAL_BLUR_MM * USUAL_BLUR_MM).sqrt()
         });
@@ -306,7 +342,9 @@ impl Doubts {
                 .hypot(stretch)
                 .hypot(perspective)
                 .hypot(tilt)
+                .hypot(OTHER_HEIGHT_SHARE * self.other_heights as f64)
                 .hypot(self.skeleton_share),
+            length_share: HEIGHT_SHARE_PER_PITCH_DEGREE * beyond(LEVEL_PITCH_DEGREES),
             outline_mm: blur_mm.hypot(pixel_mm).hypot(self.excess_mm.unwrap_or(0.0)),
         }
     }

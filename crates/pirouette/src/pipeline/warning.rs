@@ -70,6 +70,11 @@ pub enum Warning {
          standard deviations are larger; hold the camera level"
     )]
     CameraTilted { pitch_degrees: f64 },
+    #[error(
+        "the head is higher or lower in {view_count} views than in the others: standard deviations are larger; \
+         check that all photos show the same person, before a camera that does not move or zoom"
+    )]
+    OtherHeights { view_count: usize },
     #[error("arms or hands are outside the photo in {view_count} views")]
     ArmsCutOff { view_count: usize },
     #[error(
@@ -111,6 +116,7 @@ impl Warning {
             | Warning::Blurred { .. }
             | Warning::MasksOffEdges { .. }
             | Warning::SmallPerson { .. }
+            | Warning::OtherHeights { .. }
             | Warning::ArmsCutOff { .. }
             | Warning::MassContradicted { .. }
             | Warning::TapesDiffer { .. } => None,
@@ -146,6 +152,7 @@ impl Warning {
             Warning::MasksOffEdges { .. } => "masks_off_edges",
             Warning::SmallPerson { .. } => "small_person",
             Warning::CameraTilted { .. } => "camera_tilted",
+            Warning::OtherHeights { .. } => "other_heights",
             Warning::ArmsCutOff { .. } => "arms_cut_off",
             Warning::MassContradicted { .. } => "mass_contradicted",
             Warning::TapesDiffer { .. } => "tapes_differ",

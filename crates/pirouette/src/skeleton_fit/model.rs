@@ -69,6 +69,7 @@ pub(super) struct CameraPrior {
     pub(super) height_mm: (f64, f64),
     pub(super) pitch_radians: (f64, f64),
     pub(super) yaw_radians: f64,
+    pub(super) distortion: f64,
     pub(super) vertical_fov_radians: f64,
     /// Of the logarithm of the focal length, which starts at the value of the field of view
     pub(super) log_focal_sigma: f64,
@@ -213,6 +214,7 @@ impl Problem {
                 distance_mm: prior.distance_mm.0 + values[CAMERA_START],
                 pitch_radians: prior.pitch_radians.0 + values[CAMERA_START + 2],
                 yaw_radians: prior.yaw_radians,
+                distortion: prior.distortion,
             },
         }
     }
@@ -478,12 +480,12 @@ impl Jacobian<'_> {
         let [to_x, to_y] = camera.project_gradients(point);
         let view = camera.view_from_room(point);
         let (x, y) = (view.x / view.z, view.y / view.z);
-        let focal = camera.focal_px();
+        let bend = camera.lens_gradient(point) * camera.focal_px();
         let rates = [
             DVec2::new(-to_x.z, -to_y.z),
             DVec2::new(-to_x.y, -to_y.y),
-            DVec2::new(-x * y, -(1.0 + y * y)) * focal,
-            DVec2::new(x, y) * focal,
+            bend * DVec2::new(-x * y, -(1.0 + y * y)),
+            bend * DVec2::new(x, y),
         ];
         for (i, rate) in rates.into_iter().enumerate() {
             let column = POSE_COUNT + CAMERA_START + i;

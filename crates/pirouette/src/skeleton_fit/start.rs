@@ -172,6 +172,7 @@ pub(super) fn prepare(
             (0.0, options.pitch_sigma_radians),
         ),
         yaw_radians,
+        distortion: setup.distortion,
         vertical_fov_radians,
         log_focal_sigma: known_fov.map_or(UNKNOWN_LOG_FOCAL_SIGMA, |_| 0.0),
     };

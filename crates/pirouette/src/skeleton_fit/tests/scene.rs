@@ -163,6 +163,7 @@ pub(super) fn scan(setting: &Setting) -> Truth {
         distance_mm: 2400.0,
         pitch_radians: setting.pitch_radians,
         yaw_radians: 0.0,
+        distortion: 0.0,
     };
     let mut noise = Noise(setting.seed);
     let sigmas = Pose::prior_sigmas();
@@ -210,6 +211,7 @@ pub(super) fn setup(camera: &Camera) -> CameraSetup {
         distance_mm: None,
         pitch_radians: None,
         yaw_radians: None,
+        distortion: 0.0,
     }
 }
 
