@@ -19,7 +19,7 @@ const PIXEL_SCALE_SD: f64 = 0.005;
 /// Standard deviation of a given stature, in mm: people shrink by 10 to 20 mm over the day, and round
 ///
 /// With 5 mm, girths of people whose stature was 30 mm too small were off by up to four of their standard deviations.
-const STATED_STATURE_SD_MM: f64 = 10.0;
+const STATED_STATURE_SD_MM: f64 = 9.0;
 
 /// Returns the standard deviation of the scale, as a share of all lengths
 pub(super) fn scale_sd(input: &MeasureInput) -> f64 {
