@@ -11,6 +11,8 @@ use crate::contour::{Contour, nearest_on_segment, simplified_indices};
 /// are simplified separately; a mesh of them would be connected there. Thin shapes keep their area. Segments longer
 /// than `longest_px` are split at intermediate points, if any.
 ///
+/// Thin crescents, whose sides would swap without a crossing, keep their orientation.
+///
 /// Returns the indices of the kept points per contour, ascending except for one wrap to the front. Lines that
 /// already meet before simplification still meet.
 pub fn simplify_apart(contours: &[Contour], tolerance_px: f64, longest_px: f64) -> Vec<Vec<usize>> {
@@ -22,7 +24,7 @@ pub fn simplify_apart(contours: &[Contour], tolerance_px: f64, longest_px: f64) 
         })
         .collect();
     // Each round adds points, so the loop ends; real contours need two or three rounds.
-    while refine_meetings(contours, &mut kept_indices) {}
+    while refine(contours, &mut kept_indices) {}
     kept_indices
 }
 
@@ -40,8 +42,19 @@ fn split_long(points: &[DVec2], kept_indices: &[usize], longest_px: f64) -> Vec<
     split
 }
 
-/// Adds the farthest point to every segment that meets another; returns whether any point was added
-fn refine_meetings(contours: &[Contour], kept_indices: &mut [Vec<usize>]) -> bool {
+/// Returns whether the kept points run around the contour in the other direction
+fn is_turned_over(contour: &Contour, kept_indices: &[usize]) -> bool {
+    let kept = Contour {
+        points: kept_indices.iter().map(|&i| contour.points[i]).collect(),
+        hole: contour.hole,
+    };
+    let area = contour.signed_area();
+    area != 0.0 && kept.signed_area() * area <= 0.0
+}
+
+/// Adds the farthest point to every segment that meets another, and to those of contours that are turned over; returns whether
+/// any point was added
+fn refine(contours: &[Contour], kept_indices: &mut [Vec<usize>]) -> bool {
     let mut owners: Vec<(usize, usize)> = Vec::new();
     let mut segments: Vec<[GridPoint; 2]> = Vec::new();
     for (c, (contour, indices)) in contours.iter().zip(kept_indices.iter()).enumerate() {
@@ -58,6 +71,13 @@ fn refine_meetings(contours: &[Contour], kept_indices: &mut [Vec<usize>]) -> boo
         if coincide || meeting([a, b], [c, d]).is_some() {
             (meets[i], meets[j]) = (true, true);
         }
+    }
+    let turned_over = contours.iter().zip(kept_indices.iter());
+    let turned_over: Vec<bool> = turned_over
+        .map(|(contour, indices)| is_turned_over(contour, indices))
+        .collect();
+    for (meets, &(c, _)) in meets.iter_mut().zip(&owners) {
+        *meets |= turned_over[c];
     }
     let mut added = false;
     // backward, so that insertions do not shift the remaining segments
@@ -118,6 +138,43 @@ mod tests {
             picked(&outline, &kept_indices),
             [simplify(&outline[0], 1.0)]
         );
+    }
+
+    #[test]
+    fn a_thin_crescent_is_not_turned_over() {
+        let mut values = crate::Grid::filled(16, 16, 0.0_f32);
+        for (x, y, value) in [
+            (0, 0, 0.905),
+            (1, 0, 0.607),
+            (2, 0, 0.783),
+            (3, 0, 0.765),
+            (3, 1, 0.524),
+            (4, 1, 0.240),
+            (5, 1, 0.853),
+            (3, 2, 0.502),
+            (4, 2, 0.955),
+            (5, 2, 0.169),
+            (4, 3, 0.330),
+            (5, 3, 0.650),
+            (7, 3, 0.397),
+            (8, 3, 1.000),
+            (5, 4, 0.524),
+            (7, 4, 0.648),
+            (8, 4, 0.123),
+            (9, 4, 0.885),
+            (5, 5, 0.860),
+            (6, 5, 0.635),
+            (7, 5, 0.697),
+            (7, 6, 0.818),
+            (8, 6, 0.839),
+        ] {
+            values[(x, y)] = value;
+        }
+        let outline = trace_outline(&values, 0.5);
+        let kept_indices = simplify_apart(&outline, 3.984306, 9.361454);
+        for contour in picked(&outline, &kept_indices) {
+            assert_eq!(contour.signed_area() < 0.0, contour.hole);
+        }
     }
 
     proptest! {
