@@ -1,7 +1,8 @@
 //! Detection of the person's keypoints in photos, by the pose networks of [`pirouette_pose`].
 //!
 //! The camera is static, so the person is searched in one photo, and the region found there is used for all photos of the
-//! same size. A helper or a mirror image is noticed if found first: by standing still, or by another place in single photos.
+//! same size. A helper or a mirror image that is found first is recognized: by standing still, or by another place in
+//! single photos.
 //! The 33 landmarks are converted to BODY_25: neck and mid hip are midpoints, small toes are missing, and nose
 //! and eyes are omitted where the person is seen from behind, where the network invents them.
 //!
@@ -179,7 +180,6 @@ fn search_beside(model: &PoseModel, photo: &Photo, region: &Region) -> Option<Re
 }
 
 /// Returns how much the distance of the left side from the right side varies over the photos, in px
-///
 fn turning_px(found: &[Option<Detection>]) -> f64 {
     let across = |found: &Detection| left_of_right(&to_keypoints(&found.landmarks));
     let across = found.iter().flatten().map(across);
@@ -205,7 +205,7 @@ fn follow_usual(
         if !found.as_ref().is_some_and(elsewhere) {
             continue;
         }
-        // If nobody is there, the person was not where the others are: the camera moved.
+        // If no person is in the usual region, the camera moved.
         if let Some(there) = detect(index, usual).filter(|there| !elsewhere(there)) {
             *found = Some(there);
             moved.push(index);

@@ -1,4 +1,4 @@
-//! Colors of the background and of the person, where most photos tell them apart.
+//! Colors of the background and of the person, learned where most photos agree on the background.
 
 use super::rough::{Blocks, OTHER_COLOR, distance, votes};
 
