@@ -110,7 +110,8 @@ pub fn detect_photos(
     loaded.reject(rejected.collect());
     // The other warnings are about turn angles and the camera, which do not matter here.
     for warning in &loaded.warnings {
-        if matches!(warning, ScanWarning::ImageIgnored { .. }) {
+        use ScanWarning::{ImageIgnored, SecondPerson};
+        if matches!(warning, ImageIgnored { .. } | SecondPerson { .. }) {
             on_event(JobEvent::LoadWarning(warning));
         }
     }
