@@ -173,6 +173,7 @@ fn eval_faults(
         |group: &Group| args.only.is_empty() || args.only.iter().any(|n| n == group.name());
     let options = FaultsOptions {
         people: args.people,
+        skipped: args.skip,
         views: usize::from(args.views),
         groups: Group::ALL.into_iter().filter(selected).collect(),
     };

@@ -127,6 +127,10 @@ pub struct EvalFaultsArgs {
     #[arg(long, value_name = "N", default_value_t = 10)]
     pub people: usize,
 
+    /// Leave out the first N people, to study others
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub skip: usize,
+
     /// Photos per person
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(4..=72))]
     pub views: u16,

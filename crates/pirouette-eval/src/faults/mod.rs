@@ -52,6 +52,8 @@ const WIDER: f64 = 1.2;
 pub struct FaultsOptions {
     /// Number of people
     pub people: usize,
+    /// Number of people that are left out before them, for a study of other people
+    pub skipped: usize,
     /// Views of each person, at least four
     pub views: usize,
     /// Groups of faults; captures without a fault are always included
@@ -62,6 +64,7 @@ impl Default for FaultsOptions {
     fn default() -> Self {
         Self {
             people: 10,
+            skipped: 0,
             views: 8,
             groups: Group::ALL.to_vec(),
         }
@@ -400,13 +403,14 @@ pub fn study(
         .filter_map(|seed| Person::new(seed).ok())
         .filter(|person| BMI.contains(&person.bmi))
         .take_while(|_| !cancel.cancelled())
+        .skip(options.skipped)
         .take(options.people + 1)
         .collect();
     let config = Config::new(Goal::Measure, Method::Fit);
     let mut found: Vec<Found> = Vec::new();
     for (index, pair) in people.windows(2).enumerate() {
         // Women and men mostly alternate: this varies by pairs that contain both.
-        let states_camera = index.div_ceil(2).is_multiple_of(2);
+        let states_camera = (options.skipped + index).div_ceil(2).is_multiple_of(2);
         let Ok(subject) = Subject::new(&pair[0], &pair[1], states_camera, options.views) else {
             continue;
         };

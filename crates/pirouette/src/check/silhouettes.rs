@@ -170,14 +170,24 @@ fn blur_of_profile(photo: &Photo, x: usize, y: usize) -> Option<f64> {
 }
 
 /// Returns the column of the edge of the photo near the edge before a pixel, where columns are borders of pixels
+///
+/// The vertex of the parabola through the steepest difference and its neighbors.
 fn steepest_of_profile(photo: &Photo, x: usize, y: usize) -> Option<f64> {
     let slopes = profile(photo, x, y)?.slopes;
-    let (at, _) = slopes
+    let (at, &steepest) = slopes
         .iter()
         .enumerate()
         .max_by(|a, b| a.1.total_cmp(b.1))?;
+    let slope = |at: Option<usize>| at.and_then(|at| slopes.get(at)).copied().unwrap_or(0.0);
+    let [before, after] = [at.checked_sub(1), Some(at + 1)].map(slope);
+    let curvature = before + after - 2.0 * steepest;
+    let offset = if curvature < 0.0 {
+        (before - after) / (2.0 * curvature)
+    } else {
+        0.0
+    };
     // The difference of pixels k and k + 2 is centered on pixel k + 1.
-    Some((x - REACH + at) as f64 + 1.5)
+    Some((x - REACH + at) as f64 + 1.5 + offset)
 }
 
 #[cfg(test)]
@@ -189,6 +199,25 @@ mod tests {
         Mask::from_fn(40, 100, |x, y| {
             (15..25).contains(&x) && (crown..90).contains(&y)
         })
+    }
+
+    #[test]
+    fn a_mask_is_compared_with_the_edges_of_the_photo_to_fractions_of_a_pixel() {
+        // A bright column from 29.7 to 60.3 before a dark wall; pixels at its borders mix both.
+        let covered = |x: f64| {
+            (60.3 - x)
+                .clamp(0.0, 1.0)
+                .min((x + 1.0 - 29.7).clamp(0.0, 1.0))
+        };
+        let photo = Photo::from_fn(90, 200, |x, _| {
+            [(40.0 + 160.0 * covered(x as f64)).round() as u8; 3]
+        });
+        for (first, end, expected) in [(30, 60, -0.3), (29, 61, 0.7), (31, 59, -1.3), (27, 63, 2.7)]
+        {
+            let mask = Mask::from_fn(90, 200, |x, _| (first..end).contains(&x));
+            let excess = excess_px(&photo, &mask).unwrap();
+            assert!((excess - expected).abs() < 0.1, "{first}..{end}: {excess}");
+        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! A mistake in the input leaves a body that does not match the photos. A low overlap of the posed body with the silhouettes
 //! reveals most mistakes, whatever their cause.
 
+use glam::DVec2;
 use thiserror::Error;
 
 use crate::check::{Border, blur_px, cut_off_views, excess_px, median, other_heights};
@@ -45,11 +46,19 @@ const UNKNOWN_FOV_SHARE: f64 = 0.006;
 
 /// Median horizontal distance of the keypoints from the fitted body's joints that is refused, in mm
 ///
-/// Healthy scans: below 4 mm. (Bodies follow keypoints that are too low, and lose overlap.)
+/// Healthy scans: below 4 mm.
 const MAX_SHIFT_MM: f64 = 14.0;
 
+/// Median distance of the keypoints below the fitted body's joints that is refused, in mm
+///
+/// Detectors place joints 9 mm above those of the body to 1 mm below. Bodies follow keypoints that are 50 mm too low, to 9
+/// to 14 mm; those that are 50 mm too high lose overlap.
+const MAX_LOWERED_MM: f64 = 8.5;
+
 /// Distance of given masks from the edges of the photos that is usual, in px
-const USUAL_EXCESS_PX: f64 = 0.8;
+///
+/// Silhouettes of rendered people: below 0.4.
+const USUAL_EXCESS_PX: f64 = 0.5;
 
 /// Pitch that the usual standard deviations include, in degrees, and the share of a value per degree beyond it
 ///
@@ -126,12 +135,13 @@ pub enum Refusal {
     },
     /// The keypoints lie beside the person
     #[error(
-        "no body and no measurements: the keypoints lie {shift_px:.0} px beside the silhouettes; \
-         check that they belong to these photos (crop, size)"
+        "no body and no measurements: the keypoints lie {} the body's joints in the photos; \
+         check that they belong to these photos (crop, size)",
+        describe_shift(*shift_px)
     )]
     KeypointsShifted {
-        /// Median shift to the right, in px
-        shift_px: f64,
+        /// Median shift to the right and down, in px
+        shift_px: DVec2,
     },
     /// The photos do not show the feet
     #[error(
@@ -173,6 +183,20 @@ impl Refusal {
     }
 }
 
+/// Describes the larger part of a shift, in px to the right and down
+fn describe_shift(shift_px: DVec2) -> String {
+    let (along, direction) = if shift_px.x.abs() >= shift_px.y.abs() {
+        (shift_px.x, ["left of", "right of"])
+    } else {
+        (shift_px.y, ["above", "below"])
+    };
+    format!(
+        "{:.0} px {}",
+        along.abs(),
+        direction[usize::from(along > 0.0)]
+    )
+}
+
 /// Returns why the body must be refused, if there is a reason
 pub(super) fn judge(scan: &Scan, report: &Report) -> Option<Refusal> {
     let count = report.views.len();
@@ -193,7 +217,7 @@ pub(super) fn judge(scan: &Scan, report: &Report) -> Option<Refusal> {
     }
     let shift_px = keypoint_shift_px(scan, report);
     if let (Some(shift_px), Some(px_mm)) = (shift_px, px_mm(report))
-        && shift_px.abs() * px_mm > MAX_SHIFT_MM
+        && (shift_px.x.abs() * px_mm > MAX_SHIFT_MM || shift_px.y * px_mm > MAX_LOWERED_MM)
     {
         return Some(Refusal::KeypointsShifted { shift_px });
     }
@@ -215,13 +239,13 @@ pub(super) fn judge(scan: &Scan, report: &Report) -> Option<Refusal> {
     (overlap < MIN_OVERLAP).then_some(Refusal::NoMatch { overlap, suspect })
 }
 
-/// Returns the median horizontal shift of the keypoints from the joints of the fitted body, in px
+/// Returns the median shift of the keypoints from the joints of the fitted body, in px
 ///
-/// Offsets of a detector from the joints cancel over left and right, front and back. Estimated keypoints come from these
-/// photos.
-fn keypoint_shift_px(scan: &Scan, report: &Report) -> Option<f64> {
+/// Horizontal offsets of a detector from the joints cancel over left and right, front and back. Estimated keypoints come
+/// from these photos.
+fn keypoint_shift_px(scan: &Scan, report: &Report) -> Option<DVec2> {
     let fit = report.fit.as_ref()?;
-    let mut shifts: Vec<f64> = report
+    let shifts: Vec<DVec2> = report
         .views
         .iter()
         .filter(|view| scan.views[view.id.0].keypoints_from != KeypointSource::Estimate)
@@ -231,12 +255,16 @@ fn keypoint_shift_px(scan: &Scan, report: &Report) -> Option<f64> {
             let joints = posed.keypoints(&fit.avatar.keypoints);
             let shift = move |joint: Joint| {
                 let seen = skeleton.keypoints.found(joint)?.position;
-                Some(seen.x - fitted.camera.project(joints[joint]).x)
+                Some(seen - fitted.camera.project(joints[joint]))
             };
             Joint::ALL.into_iter().filter_map(shift).collect::<Vec<_>>()
         })
         .collect();
-    median(&mut shifts)
+    let middle = |of: fn(&DVec2) -> f64| median(&mut shifts.iter().map(of).collect::<Vec<_>>());
+    Some(DVec2::new(
+        middle(|shift| shift.x)?,
+        middle(|shift| shift.y)?,
+    ))
 }
 
 /// What makes the measurements of a job less accurate than usual
