@@ -4,11 +4,13 @@ use anyhow::{Result, bail};
 use pirouette::pipeline::{AvatarSource, CancelToken, Capture};
 use pirouette_body::Sex;
 use pirouette_files::job::{JobOptions, check_job};
-use pirouette_files::scan_folder::{LoadedScan, open_source};
+use pirouette_files::scan_folder::LoadedScan;
+use pirouette_files::video::VideoOptions;
 use serde_json::{Value, json};
 
 use crate::args::CheckArgs;
 use crate::models_command::pose_model;
+use crate::open::open_scan;
 use crate::output::Output;
 use crate::progress::Progress;
 use crate::scan_command::with_cause;
@@ -25,7 +27,8 @@ pub fn run(args: &CheckArgs, output: Output, quiet: bool, cancel: &CancelToken) 
         sex: Sex::Neutral,
         mass_kg: None,
     };
-    let source = open_source(&args.scan)?;
+    let video = VideoOptions::default();
+    let source = open_scan(&args.scan, pose_model.as_ref(), &video, &progress, cancel)?;
     let scan = source.path();
     let checked = check_job(source, &avatar, &options, cancel, &mut |event| {
         progress.show_job(&event);

@@ -8,6 +8,7 @@ mod demo_command;
 mod eval_command;
 mod keypoints_command;
 mod models_command;
+mod open;
 mod output;
 mod progress;
 mod scan_command;

@@ -69,6 +69,15 @@ impl Progress {
         }
     }
 
+    /// Shows the share of a task that is done, from 0 to 1
+    pub fn share(&self, task: &'static str, share: f64) {
+        if let Progress::Bar(bar) = self {
+            bar.set_prefix(task);
+            bar.set_length(100);
+            bar.set_position((100.0 * share) as u64);
+        }
+    }
+
     /// Shows how many jobs of a study are done
     pub fn step(&self, done: usize, total: usize, text: &str) {
         if let Progress::Bar(bar) = self {

@@ -11,12 +11,14 @@ use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::job::{FinishedJob, JobError, JobOptions, KeypointChoice, run_job};
 use pirouette_files::results::{ResultOptions, remove_results};
-use pirouette_files::scan_folder::{GivenKeypoints, open_source};
+use pirouette_files::scan_folder::GivenKeypoints;
 use pirouette_files::source::Source;
+use pirouette_files::video::VideoOptions;
 use serde_json::{Value, json};
 
 use crate::args::{KeypointInput, Method, MethodArgs, ScanArgs};
 use crate::models_command::pose_model;
+use crate::open::open_scan;
 use crate::output::Output;
 use crate::progress::Progress;
 
@@ -33,14 +35,6 @@ pub fn run(
     let formats: Vec<MeshFormat> = args.format.iter().map(|format| format.of_mesh()).collect();
     let exports: Vec<ExportFormat> = args.export.iter().map(|e| e.of_file()).collect();
     let charts = charts(args.chart.as_deref())?;
-    let source = open_source(&args.scan)?;
-    let title = source.title();
-    let options = ResultOptions {
-        formats: &formats,
-        page_title: args.report.then_some(title.as_str()),
-        charts: &charts,
-        exports: &exports,
-    };
     let scale = args.scale.map(|source| source.of_job());
     let pose_model = pose_model(args.pose_model.as_deref())?;
     let files = match &args.keypoints {
@@ -53,6 +47,17 @@ pub fn run(
         (Some(KeypointInput::None), _) => KeypointChoice::Estimate,
         (_, Some(files)) => KeypointChoice::Files(files),
         (_, None) => KeypointChoice::Best,
+    };
+    let video = VideoOptions {
+        views: args.views.into(),
+    };
+    let source = open_scan(&args.scan, pose_model.as_ref(), &video, &progress, cancel)?;
+    let title = source.title();
+    let options = ResultOptions {
+        formats: &formats,
+        page_title: args.report.then_some(title.as_str()),
+        charts: &charts,
+        exports: &exports,
     };
     let job_options = JobOptions {
         scale,
@@ -76,7 +81,7 @@ pub fn run(
     })
 }
 
-/// Scans a folder or a zip file with the scale it provides, and writes the results
+/// Scans a folder, a zip file or a video with the scale it provides, and writes the results
 pub fn scan_folder(
     scan: &Path,
     out: &Path,
@@ -86,7 +91,9 @@ pub fn scan_folder(
     progress: &Progress,
     cancel: &CancelToken,
 ) -> Result<FinishedJob> {
-    let done = scan_source(open_source(scan)?, config, job_options, progress, cancel)?;
+    let video = VideoOptions::default();
+    let source = open_scan(scan, job_options.pose_model, &video, progress, cancel)?;
+    let done = scan_source(source, config, job_options, progress, cancel)?;
     done.write(out, results)?;
     Ok(done)
 }

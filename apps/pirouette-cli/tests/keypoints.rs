@@ -6,16 +6,7 @@
 
 mod common;
 
-use common::{Folders, pirouette, text};
-
-/// Returns the flags that name the network, or reports that the test is skipped
-fn network(test: &str) -> Option<[String; 2]> {
-    let Some(model) = std::env::var_os("PIROUETTE_POSE_MODEL") else {
-        eprintln!("{test}: skipped, PIROUETTE_POSE_MODEL names no network");
-        return None;
-    };
-    Some(["--pose-model".to_owned(), model.into_string().unwrap()])
-}
+use common::{Folders, network, pirouette, text};
 
 #[cfg(not(feature = "embed-pose-model"))]
 #[test]

@@ -17,6 +17,8 @@ pub mod results;
 pub mod scan_folder;
 pub mod sink;
 pub mod source;
+#[cfg(feature = "folders")]
+pub mod video;
 
 mod warning;
 

@@ -10,6 +10,7 @@ mod person;
 mod random;
 mod room;
 mod sway;
+pub mod video;
 
 pub use appearance::{Appearance, Lighting};
 pub use random::Random;

@@ -229,7 +229,7 @@ fn usual_region(regions: &[Region]) -> Option<Region> {
 }
 
 /// Detects the person in one photo, in a region if one is known and shows the person, otherwise by a search if permitted
-fn detect_in(
+pub(crate) fn detect_in(
     model: &PoseModel,
     photo: &Photo,
     region: Option<Region>,

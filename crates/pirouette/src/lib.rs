@@ -100,6 +100,7 @@ pub mod scan;
 pub mod segment;
 pub mod sizes;
 pub mod skeleton_fit;
+pub mod video;
 pub mod view;
 
 mod initial_body;

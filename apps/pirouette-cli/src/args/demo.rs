@@ -37,6 +37,10 @@ pub struct DemoArgs {
     #[arg(long, value_enum, default_value_t = Pose::A)]
     pub pose: Pose,
 
+    /// Render a video of the turn instead of photos, and scan it; requires the pose detector and the program ffmpeg
+    #[arg(long, conflicts_with = "views")]
+    pub video: bool,
+
     /// Also write report.html: all results on one self-contained page
     #[arg(long)]
     pub report: bool,
@@ -47,9 +51,11 @@ pub struct DemoArgs {
 
 pub const DEMO_HELP: &str = "\
 Writes photos, keypoints and ground truth to OUT/scan, and the results to OUT. If a pose detector is installed (see
-`pirouette models`), the photos have no keypoint files, and the detector finds the joints.
+`pirouette models`), the photos have no keypoint files, and the detector finds the joints. With --video, the video and the true angle of each
+frame are written to OUT/video.
 
 Examples:
   pirouette demo
   pirouette demo --sex male --stature 1810 --mass 95 --seed 7 -o big
-  pirouette demo --pose t --views 12 --method three-step";
+  pirouette demo --pose t --views 12 --method three-step
+  pirouette demo --video --report";

@@ -12,7 +12,8 @@ use pirouette_files::job;
 /// Arguments of `scan`, `segment`, `normalize`, `reconstruct` and `measure`
 #[derive(Debug, Args)]
 pub struct ScanArgs {
-    /// Folder of photos, with optional keypoint files and scan.json, or a zip file of it
+    /// Folder of photos, with optional keypoint files and scan.json, or a zip file of it; or a video, with scan.json in
+    /// its folder
     #[arg(value_name = "SCAN")]
     pub scan: PathBuf,
 
@@ -28,6 +29,10 @@ pub struct ScanArgs {
     /// Network of the pose detector, for photos without a keypoint file [default: the installed one]
     #[arg(long, value_name = "FILE")]
     pub pose_model: Option<PathBuf>,
+
+    /// Number of views taken from a video, spread over one turn
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(4..=72))]
+    pub views: u16,
 
     #[command(flatten)]
     pub method: MethodArgs,

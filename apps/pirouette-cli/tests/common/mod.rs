@@ -136,3 +136,12 @@ impl Run {
         serde_json::from_str(&stdout).unwrap()
     }
 }
+
+/// Returns the flags that name the network, or reports that the test is skipped
+pub fn network(test: &str) -> Option<[String; 2]> {
+    let Some(model) = std::env::var_os("PIROUETTE_POSE_MODEL") else {
+        eprintln!("{test}: skipped, PIROUETTE_POSE_MODEL names no network");
+        return None;
+    };
+    Some(["--pose-model".to_owned(), model.into_string().unwrap()])
+}

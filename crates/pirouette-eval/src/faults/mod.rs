@@ -437,14 +437,21 @@ pub fn study(
 
 fn describe(fault: &Fault, found: &Found) -> String {
     let judged = &found.judged;
-    let reason = judged.reason.as_ref();
+    let details = judged
+        .reason
+        .clone()
+        .unwrap_or_else(|| judged.wrong_measures());
+    let details = if details.is_empty() {
+        details
+    } else {
+        format!(" ({details})")
+    };
     format!(
-        "{}, {}, {}: {}{}",
+        "{}, {}, {}: {}{details}",
         fault.name(),
         found.case.strength.pick(fault.strengths),
         found.person,
-        judged.outcome.name(),
-        reason.map_or(String::new(), |reason| format!(" ({reason})"))
+        judged.outcome.name()
     )
 }
 

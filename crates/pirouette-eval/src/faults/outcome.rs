@@ -108,6 +108,25 @@ pub(super) struct Judged {
     pub(super) measured: Vec<Measured>,
 }
 
+impl Judged {
+    /// Lists the wrong measures with their errors and standard deviations, in mm
+    pub(super) fn wrong_measures(&self) -> String {
+        let wrong = self.measured.iter().filter(|m| !m.is_right());
+        let listed: Vec<String> = wrong
+            .map(|m| {
+                let sd = m.sd_mm.map_or("-".to_owned(), |sd| format!("{sd:.0}"));
+                format!("{} {:+.0} ± {sd}", name_of(m.measure), m.error_mm())
+            })
+            .collect();
+        listed.join(", ")
+    }
+}
+
+/// Returns the name of a measure in tables
+pub(super) fn name_of(measure: Measure) -> String {
+    measure.name().replace('_', " ")
+}
+
 /// Judges the result of a job by the true measures
 pub(super) fn judge(done: &Result<FinishedJob, JobError>, truth: &[(Measure, f64)]) -> Judged {
     let done = match done {

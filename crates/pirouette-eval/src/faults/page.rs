@@ -5,7 +5,7 @@ use std::fmt::Write;
 use pirouette::measure::Measure;
 use serde_json::{Value, json};
 
-use super::outcome::{MAX_DEVIATIONS, MEASURES, MIN_ERROR_MM, Measured, Outcome};
+use super::outcome::{MAX_DEVIATIONS, MEASURES, MIN_ERROR_MM, Measured, Outcome, name_of};
 use super::{BMI, Fault, FaultsOptions, FaultsStudy, Found, Strength};
 use crate::table::{Cell, Table, capitalized, percentile};
 
@@ -143,10 +143,6 @@ fn share(measured: &[Measured], condition: impl Fn(&Measured) -> bool) -> Option
     (!measured.is_empty()).then(|| 100.0 * count / measured.len() as f64)
 }
 
-fn name_of(measure: Measure) -> String {
-    measure.name().replace('_', " ")
-}
-
 /// Lists the wrong captures with their wrong measures
 fn wrong(faults: &[Fault], found: &[Found]) -> Table {
     let mut table = Table::new(
@@ -162,23 +158,13 @@ fn wrong(faults: &[Fault], found: &[Found]) -> Table {
     all.sort_by_key(|f| (f.case.fault, f.case.strength as usize));
     for f in all {
         let fault = &faults[f.case.fault];
-        let errors: Vec<String> = f
-            .judged
-            .measured
-            .iter()
-            .filter(|m| !m.is_right())
-            .map(|m| {
-                let sd = m.sd_mm.map_or("-".to_owned(), |sd| format!("{sd:.0}"));
-                format!("{} {:+.0} ± {sd}", name_of(m.measure), m.error_mm())
-            })
-            .collect();
         let camera = if f.states_camera { "stated" } else { "unknown" };
         table.rows.push(vec![
             Cell::Text(fault.name()),
             Cell::Text(f.case.strength.pick(fault.strengths).to_owned()),
             Cell::Text(f.person.clone()),
             Cell::Text(camera.to_owned()),
-            Cell::Text(errors.join(", ")),
+            Cell::Text(f.judged.wrong_measures()),
             Cell::number(f.judged.overlap, 3),
             Cell::Text(f.judged.warnings.join(" ")),
         ]);

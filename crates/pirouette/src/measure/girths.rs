@@ -110,7 +110,7 @@ const LINES_SD_SHARE: f64 = 0.2;
 fn own_sd(girth: Girth) -> [f64; 4] {
     match girth {
         Girth::Head => [0.0066, 0.0042, 0.0055, 0.0046],
-        Girth::Neck => [0.0250, 0.0148, 0.0185, 0.0140],
+        Girth::Neck => [0.0350, 0.0220, 0.0185, 0.0140],
         Girth::Bust => [0.0030, 0.0045, 0.0030, 0.0042],
         Girth::Underbust => [0.0030, 0.0033, 0.0020, 0.0020],
         Girth::Waist => [0.0040, 0.0040, 0.0033, 0.0032],

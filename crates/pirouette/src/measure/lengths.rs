@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::section::{convex_hull, perimeter, plane_section};
 
 use super::marked_avatar::MarkedAvatar;
+use super::tape::Tape;
 use super::{
     BodySource, Estimate, Girth, Landmark, Measure, MeasureInput, Measured, Method, Unavailable,
 };
@@ -68,6 +69,28 @@ fn own_sd(measure: Measure) -> [f64; 2] {
     }
 }
 
+/// Additional standard deviation of a crotch that is hidden between thighs that touch, relative to the usual one
+///
+/// Of 30 random people in two captures each, errors are 3.7 mm where thighs are apart, 5.9 mm where they touch, and
+/// grow more with other mistakes in the input.
+const HIDDEN_CROTCH: f64 = 0.6;
+
+/// Returns whether a measure depends on a crotch that is hidden between thighs: 0 where they are apart, 1 where they touch
+///
+/// Judged by their girth relative to the stature.
+pub(super) fn hidden_crotch(avatar: &MarkedAvatar, measure: Measure) -> f64 {
+    const APART: f64 = 0.335;
+    const TOUCHING: f64 = 0.365;
+    if !matches!(measure, Measure::CrotchHeight | Measure::Rise) {
+        return 0.0;
+    }
+    let girths =
+        [Girth::LeftThigh, Girth::RightThigh].map(|girth| avatar.tape(girth).map(Tape::girth));
+    let girth = girths.into_iter().flatten().fold(0.0, f64::max);
+    let share = girth / avatar.in_a_pose().stature_mm();
+    ((share - APART) / (TOUCHING - APART)).clamp(0.0, 1.0)
+}
+
 /// Factor on these standard deviations for an avatar that is not the person's body
 const UNFITTED: f64 = 2.0;
 
@@ -87,7 +110,8 @@ pub(super) fn measure_length(
     let of_side = |side: usize| sides.get(side).filter(|_| sides.len() == 2).copied();
     let value_mm = sides.iter().sum::<f64>() / sides.len() as f64;
     let [photos, given] = own_sd(measure);
-    let sd_mm = factor * input.between(photos, given);
+    let hidden = 1.0 + HIDDEN_CROTCH * hidden_crotch(avatar, measure);
+    let sd_mm = hidden * factor * input.between(photos, given);
     Measured {
         left_mm: of_side(0),
         right_mm: of_side(1),

@@ -179,6 +179,8 @@ pub fn measure(input: &MeasureInput) -> Measurements {
         let keypoint_sd = detected_sd.hypot(estimated_sd);
         let extra_sd = ExtraSd {
             share: input.extra_sd.share.hypot(keypoint_sd).hypot(contradiction),
+            length_share: input.extra_sd.length_share
+                * (1.0 + lengths::hidden_crotch(&marked, measure)),
             ..input.extra_sd
         };
         let measured = measured

@@ -1,0 +1,157 @@
+//! Scans of videos; skipped without the program ffmpeg or without a network of the pose detector.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod common;
+
+use std::f64::consts::TAU;
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::process::Command;
+
+use common::{Folders, network, pirouette, text};
+use pirouette::measure::{Measure, measure_avatar};
+use pirouette_body::Avatar;
+use pirouette_body::mannequin::{MannequinParameters, mannequin};
+use pirouette_files::video::VideoWriter;
+use pirouette_synthetic::video::{TurnCourse, VideoOptions, render_video};
+use pirouette_synthetic::{Clutter, SyntheticOptions};
+
+/// Frames per second
+const RATE: f64 = 10.0;
+
+/// Returns the arguments that select the network, if the test can run
+fn ready(test: &str) -> Option<[String; 2]> {
+    let ffmpeg = Command::new("ffmpeg").arg("-version").output();
+    if ffmpeg.is_err() {
+        eprintln!("{test} is skipped: ffmpeg is not installed");
+        return None;
+    }
+    network(test)
+}
+
+fn course() -> TurnCourse {
+    TurnCourse {
+        start_radians: 0.4,
+        turned_radians: -TAU,
+        turn_s: 5.0,
+        still_s: 0.2,
+        speed_change: 0.3,
+        pause_s: 0.5,
+    }
+}
+
+fn person() -> Avatar {
+    mannequin(&MannequinParameters::default()).unwrap()
+}
+
+/// Films a person; returns the true angle of each frame, in radians
+fn film(file: &Path, turn: TurnCourse) -> Vec<f64> {
+    let person = person();
+    let size = (288, 512);
+    let options = VideoOptions {
+        seed: 4,
+        camera: SyntheticOptions::camera_for(person.stature_mm(), size.0, size.1),
+        sway: 0.6,
+        sensor_noise: 1.0,
+        clutter: Clutter::LivedIn,
+        frames_per_s: RATE,
+        turn,
+    };
+    let mut writer = VideoWriter::create(file, size, RATE, 2_000_000).unwrap();
+    let angles = render_video(&person, &options, &mut |_, photo| {
+        writer.write(&photo).unwrap();
+        ControlFlow::Continue(())
+    });
+    writer.finish().unwrap();
+    angles
+}
+
+#[test]
+fn a_video_of_a_turn_is_measured() {
+    let Some([flag, model]) = ready("a_video_of_a_turn_is_measured") else {
+        return;
+    };
+    let folders = Folders::empty();
+    let angles = film(&folders.path("scan/anna.mp4"), course());
+    folders.write(
+        "scan/scan.json",
+        format!(
+            "{{ \"subject\": {{ \"stature_mm\": {} }} }}",
+            person().stature_mm()
+        ),
+    );
+    let run = folders.run("scan", &["--views", "8", &flag, &model]);
+    let error = run.exits_with(0).stderr();
+    assert!(error.contains("8 views"), "{error}");
+    let result = folders.json("result.json");
+    let views = result["views"].as_array().unwrap();
+    assert!(views.len() >= 7, "{}", views.len());
+    for view in views {
+        let name = view["name"].as_str().unwrap();
+        let time_s: f64 = name.trim_end_matches('s').parse().unwrap();
+        let true_deg = angles[(time_s * RATE).round() as usize].to_degrees();
+        let error = view["angle_deg"].as_f64().unwrap() - true_deg;
+        let error = (error + 180.0).rem_euclid(360.0) - 180.0;
+        assert!(error.abs() < 15.0, "{name}: {error}");
+    }
+    let truth = measure_avatar(&person());
+    let measured = folders.json("measurements.json");
+    for measure in [Measure::WaistGirth, Measure::HipGirth] {
+        let (_, true_mm) = truth.iter().find(|(of, _)| *of == measure).unwrap();
+        let value_mm = measured["measurements_mm"][measure.name()]
+            .as_f64()
+            .unwrap();
+        assert!(
+            (value_mm / true_mm - 1.0).abs() < 0.03,
+            "{}: {value_mm}, {true_mm}",
+            measure.name()
+        );
+    }
+}
+
+#[test]
+fn files_that_show_no_turn_are_errors_that_name_them() {
+    let Some([flag, model]) = ready("files_that_show_no_turn_are_errors_that_name_them") else {
+        return;
+    };
+    let folders = Folders::empty();
+    let file = folders.path("anna.mp4");
+    let out = folders.out();
+    let fails = |file: &Path, expected: &str| {
+        let run = pirouette(&["scan", text(file), "-o", text(&out), &flag, &model]);
+        let error = run.exits_with(1).stderr();
+        assert!(error.contains(expected), "{error}");
+        assert!(error.contains("anna"), "{error}");
+        assert!(!out.join("result.json").exists());
+    };
+    let quarter = TurnCourse {
+        turned_radians: TAU / 4.0,
+        turn_s: 2.0,
+        pause_s: 0.0,
+        ..course()
+    };
+    film(&file, quarter);
+    fails(&file, "the person turns by only");
+    // A file of which the end, with the index, is missing
+    let bytes = std::fs::read(&file).unwrap();
+    std::fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
+    fails(&file, "cannot be decoded");
+    let make = |arguments: &[&str], name: &str| {
+        let file = folders.path(name);
+        let made = Command::new("ffmpeg")
+            .args(["-loglevel", "error", "-f", "lavfi", "-i"])
+            .args(arguments)
+            .arg(&file)
+            .status();
+        assert!(made.unwrap().success());
+        file
+    };
+    let sound = make(&["sine=duration=1"], "anna_sound.mp4");
+    fails(&sound, "contains no video");
+    let pattern = make(
+        &["testsrc=duration=1:size=320x240:rate=10"],
+        "anna_room.mkv",
+    );
+    fails(&pattern, "no person is found");
+}

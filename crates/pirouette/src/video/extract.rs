@@ -1,0 +1,114 @@
+//! From a video to its views.
+
+use std::ops::ControlFlow;
+
+use pirouette_body::TurnAngle;
+use pirouette_pose::PoseModel;
+use thiserror::Error;
+
+use super::{
+    Choice, ChoiceError, ChoiceOptions, Frame, FrameSource, SurveyOptions, TrackError, TurnTrack,
+    choose_frames, survey,
+};
+use crate::scan::Photo;
+
+/// Options of [`extract_views`]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ExtractOptions {
+    /// How frames are looked at
+    pub survey: SurveyOptions,
+    /// How frames are chosen
+    pub choice: ChoiceOptions,
+}
+
+/// A frame that is a view of the person
+#[derive(Debug, Clone)]
+pub struct ExtractedView {
+    /// Time stamp in the video, in s
+    pub time_s: f64,
+    /// Turn angle by the keypoints of this frame and its neighbors, accurate to some degrees
+    pub turn: TurnAngle,
+    /// The frame
+    pub photo: Photo,
+}
+
+/// The views of a video
+#[derive(Debug, Clone)]
+pub struct Extracted {
+    /// In order of time
+    pub views: Vec<ExtractedView>,
+    /// The turn over time
+    pub track: TurnTrack,
+    /// The choice that was made
+    pub choice: Choice,
+}
+
+/// Why a video has no views
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum ExtractError<E> {
+    /// The video cannot be decoded
+    #[error(transparent)]
+    Decode(E),
+    /// There is no turn
+    #[error(transparent)]
+    Track(TrackError),
+    /// The turn is too small
+    #[error(transparent)]
+    Choice(ChoiceError),
+    /// It was cancelled
+    #[error("cancelled")]
+    Cancelled,
+}
+
+/// Largest side of extracted frames, in px
+const MAX_SIDE_PX: usize = 4096;
+
+/// Finds the turn in a video, and extracts sharp frames spread evenly over it
+///
+/// The video is decoded twice: once to look at all frames, once for the chosen ones. `on_time` is called with the time of
+/// each frame, in s; the work is cancelled where it breaks.
+///
+/// # Errors
+/// When the video cannot be decoded, shows no person who turns, or the work is cancelled.
+pub fn extract_views<S: FrameSource>(
+    source: &mut S,
+    model: &PoseModel,
+    options: &ExtractOptions,
+    on_time: &mut dyn FnMut(f64) -> ControlFlow<()>,
+) -> Result<Extracted, ExtractError<S::Error>> {
+    let mut cancelled = false;
+    let mut watched = |time_s: f64| {
+        let flow = on_time(time_s);
+        cancelled |= flow.is_break();
+        flow
+    };
+    let survey = survey(source, model, &options.survey, &mut watched);
+    if cancelled {
+        return Err(ExtractError::Cancelled);
+    }
+    let survey = survey.map_err(ExtractError::Decode)?;
+    let searched = survey.frames.iter().filter(|frame| frame.searched);
+    let track = TurnTrack::find(searched.map(|f| (f.time_s, f.keypoints.as_ref())));
+    let track = track.map_err(ExtractError::Track)?;
+    let choice = choose_frames(&survey, &track, &options.choice).map_err(ExtractError::Choice)?;
+    let indices: Vec<usize> = choice.frames.iter().map(|frame| frame.index).collect();
+    let mut views = Vec::with_capacity(indices.len());
+    let decoded = source.frames(MAX_SIDE_PX, Some(&indices), &mut |frame: Frame| {
+        // Time stamps of both passes are equal; those of the first one have an angle.
+        if let Some(chosen) = choice.frames.iter().find(|c| c.index == frame.index) {
+            views.push(ExtractedView {
+                time_s: chosen.time_s,
+                turn: TurnAngle::from_radians(chosen.angle_radians),
+                photo: frame.photo,
+            });
+        }
+        ControlFlow::Continue(())
+    });
+    decoded.map_err(ExtractError::Decode)?;
+    Ok(Extracted {
+        views,
+        track,
+        choice,
+    })
+}
