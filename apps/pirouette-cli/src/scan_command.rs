@@ -15,7 +15,7 @@ use pirouette_files::scan_folder::{GivenKeypoints, open_source};
 use pirouette_files::source::Source;
 use serde_json::{Value, json};
 
-use crate::args::{KeypointInput, Method, MethodArgs, ScanArgs};
+use crate::args::{Angles, KeypointInput, Method, MethodArgs, ScanArgs};
 use crate::models_command::pose_model;
 use crate::output::Output;
 use crate::progress::Progress;
@@ -58,6 +58,7 @@ pub fn run(
         scale,
         pose_model: pose_model.as_ref(),
         keypoints,
+        angles_unknown: args.angles == Some(Angles::Unknown),
     };
     let job = || scan_source(source, &config, &job_options, &progress, cancel);
     // The result of an earlier scan is not that of this one, even if this one fails.
@@ -111,7 +112,7 @@ pub fn with_cause(error: JobError, scan: &Path) -> Error {
     match error {
         JobError::Card(error) => Error::new(error).context("--scale card"),
         JobError::Pipeline(error) => Error::new(error).context(scan.display().to_string()),
-        error @ (JobError::Estimate(_) | JobError::Background(_)) => {
+        error @ (JobError::Estimate(_) | JobError::Background(_) | JobError::AnglesUnknown) => {
             Error::new(error).context(scan.display().to_string())
         }
         JobError::Check(error) => Error::new(error).context(scan.display().to_string()),
