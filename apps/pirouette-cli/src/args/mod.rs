@@ -17,8 +17,8 @@ pub use avatar::AvatarArgs;
 pub use check::CheckArgs;
 pub use demo::DemoArgs;
 pub use eval::{
-    EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs, EvalPublishedArgs,
-    EvalScansArgs, EvalTable, EvalTapesArgs,
+    EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs,
+    EvalPublishedArgs, EvalScansArgs, EvalTable, EvalTapesArgs,
 };
 pub use keypoints::KeypointsArgs;
 pub use models::{ModelsAction, ModelsArgs};
