@@ -115,6 +115,7 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
             keypoints: &view.keypoints,
             camera: view.camera,
             turn: view.turn,
+            stepped: false,
             pose: view.pose,
             stature_mm,
         })

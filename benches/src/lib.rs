@@ -315,17 +315,7 @@ pub fn fit_shared_skeleton(
     synthetic: &SyntheticScan,
 ) -> (Skeleton, Vec<SkeletonView>) {
     let scan = &synthetic.scan;
-    let views: Vec<KeypointView> = scan
-        .views
-        .iter()
-        .map(|view| KeypointView {
-            turn: view.turn,
-            keypoints: view.keypoints,
-            keypoint_kind: view.keypoint_kind,
-            width_px: view.photo.width(),
-            height_px: view.photo.height(),
-        })
-        .collect();
+    let views: Vec<KeypointView> = scan.views.iter().map(KeypointView::from).collect();
     let options = SkeletonFitOptions::default();
     fit_skeleton(avatar, &views, &scan.camera, scan.stature_mm, &options).expect("a skeleton")
 }

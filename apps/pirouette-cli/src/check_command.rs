@@ -8,7 +8,7 @@ use pirouette_files::scan_folder::LoadedScan;
 use pirouette_files::video::VideoOptions;
 use serde_json::{Value, json};
 
-use crate::args::CheckArgs;
+use crate::args::{Angles, CheckArgs};
 use crate::models_command::pose_model;
 use crate::open::open_scan;
 use crate::output::Output;
@@ -21,6 +21,7 @@ pub fn run(args: &CheckArgs, output: Output, quiet: bool, cancel: &CancelToken) 
     let pose_model = pose_model(args.pose_model.as_deref())?;
     let options = JobOptions {
         pose_model: pose_model.as_ref(),
+        angles_unknown: args.angles == Some(Angles::Unknown),
         ..JobOptions::default()
     };
     let avatar = AvatarSource::Mannequin {
@@ -61,10 +62,15 @@ fn first_finding(loaded: &LoadedScan, capture: &Capture) -> String {
 
 /// Formats one line per photo, and the warnings about the complete scan
 fn table(loaded: &LoadedScan, capture: &Capture) -> String {
-    let views = loaded.scan.views.iter().zip(&capture.joint_counts);
+    let views = loaded
+        .scan
+        .views
+        .iter()
+        .zip(&capture.turns)
+        .zip(&capture.joint_counts);
     let mut lines = vec![format!("{:<12}{:>6}{:>8}  ", "photo", "angle", "joints")];
-    for ((view, count), found) in views.zip(&capture.findings) {
-        let start = format!("{:<12}{:>5.0}°{count:>8}  ", view.name, view.turn.degrees());
+    for (((view, turn), count), found) in views.zip(&capture.findings) {
+        let start = format!("{:<12}{:>5.0}°{count:>8}  ", view.name, turn.degrees());
         let found: Vec<String> = found.iter().map(ToString::to_string).collect();
         let all = if found.is_empty() {
             "ok".to_owned()
@@ -74,31 +80,38 @@ fn table(loaded: &LoadedScan, capture: &Capture) -> String {
         lines.push(start + &all);
     }
     for failed in &loaded.failed {
+        let angle = failed
+            .turn
+            .map_or_else(|| "-".to_owned(), |turn| format!("{:.0}°", turn.degrees()));
         lines.push(format!(
-            "{:<12}{:>5.0}°{:>8}  {}",
-            failed.view,
-            failed.turn.degrees(),
-            "-",
-            failed.reason
+            "{:<12}{angle:>6}{:>8}  {}",
+            failed.view, "-", failed.reason
         ));
     }
     let warnings = loaded.warnings.iter().map(ToString::to_string);
     let of_skeleton = capture.skeleton.warnings.iter().map(ToString::to_string);
-    lines.extend(warnings.chain(of_skeleton));
+    let of_turns = capture.turn_warnings(&loaded.scan);
+    let of_turns = of_turns.iter().map(ToString::to_string);
+    lines.extend(warnings.chain(of_skeleton).chain(of_turns));
     lines.join("\n")
 }
 
 fn to_json(loaded: &LoadedScan, capture: &Capture) -> Value {
-    let views = loaded.scan.views.iter().zip(&capture.joint_counts);
+    let views = loaded
+        .scan
+        .views
+        .iter()
+        .zip(&capture.turns)
+        .zip(&capture.joint_counts);
     let views: Vec<Value> = views
         .zip(&capture.findings)
-        .map(|((view, count), found)| {
+        .map(|(((view, turn), count), found)| {
             let findings = found
                 .iter()
                 .map(|finding| json!({ "code": finding.code(), "message": finding.to_string() }));
             json!({
                 "name": view.name,
-                "angle_deg": view.turn.degrees(),
+                "angle_deg": turn.degrees(),
                 "joints": count,
                 "findings": findings.collect::<Vec<_>>(),
             })
@@ -111,11 +124,13 @@ fn to_json(loaded: &LoadedScan, capture: &Capture) -> Value {
         .collect();
     let warnings = loaded.warnings.iter().map(ToString::to_string);
     let of_skeleton = capture.skeleton.warnings.iter().map(ToString::to_string);
+    let of_turns = capture.turn_warnings(&loaded.scan);
+    let of_turns = of_turns.iter().map(ToString::to_string);
     json!({
         "ok": true,
         "views": views,
         "failed": failed,
-        "warnings": warnings.chain(of_skeleton).collect::<Vec<_>>(),
+        "warnings": warnings.chain(of_skeleton).chain(of_turns).collect::<Vec<_>>(),
         "rms_px": capture.skeleton.rms_px,
     })
 }

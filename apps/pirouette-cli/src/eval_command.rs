@@ -3,6 +3,7 @@
 use anyhow::{Context, Result, bail};
 use pirouette::pipeline::{CancelToken, Goal};
 use pirouette_eval::ablation::{self, AblationOptions};
+use pirouette_eval::angles::{self, AnglesOptions};
 use pirouette_eval::bodies::{self, BodiesOptions};
 use pirouette_eval::faults::{self, FaultsOptions, Group};
 use pirouette_eval::folders::{
@@ -19,8 +20,8 @@ use pirouette_files::sink::{make_folder, write_atomic};
 use serde_json::{Value, json};
 
 use crate::args::{
-    EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs, EvalPublishedArgs,
-    EvalScansArgs, EvalTable, EvalTapesArgs,
+    EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs,
+    EvalPublishedArgs, EvalScansArgs, EvalTable, EvalTapesArgs,
 };
 use crate::output::Output;
 use crate::progress::Progress;
@@ -35,6 +36,7 @@ pub fn run(args: &EvalArgs, output: Output, quiet: bool, cancel: &CancelToken) -
         Some(EvalTable::Tapes(args)) => eval_tapes(args, &progress, cancel),
         Some(EvalTable::Faults(args)) => eval_faults(args, &progress, cancel),
         Some(EvalTable::Ablation(args)) => eval_ablation(args, &progress, cancel),
+        Some(EvalTable::Angles(args)) => eval_angles(args, &progress, cancel),
         Some(EvalTable::Scans(args)) => eval_scans(args, &progress, cancel),
         Some(EvalTable::Photos(args)) => eval_photos(args, &progress, cancel),
     };
@@ -211,6 +213,31 @@ fn eval_ablation(
         "people": study.people,
     });
     Ok((study.table.to_string(), value))
+}
+
+fn eval_angles(
+    args: &EvalAnglesArgs,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<(String, Value)> {
+    let options = AnglesOptions {
+        people: args.people,
+        views: usize::from(args.views),
+    };
+    let study = angles::study(&options, cancel, &mut |step| show(progress, &step))?;
+    if let Some(folder) = &args.out {
+        make_folder(folder)?;
+        write_atomic(&folder.join("angles.md"), study.page.as_bytes())?;
+    }
+    let text: Vec<String> = study.tables.iter().map(ToString::to_string).collect();
+    let tables: Vec<Value> = study.tables.iter().map(|table| table.to_json()).collect();
+    let value = json!({
+        "ok": true,
+        "table": "angles",
+        "tables": tables,
+        "people": study.people,
+    });
+    Ok((text.join("\n\n"), value))
 }
 
 fn eval_scans(

@@ -16,7 +16,7 @@ use pirouette_files::source::Source;
 use pirouette_files::video::VideoOptions;
 use serde_json::{Value, json};
 
-use crate::args::{KeypointInput, Method, MethodArgs, ScanArgs};
+use crate::args::{Angles, KeypointInput, Method, MethodArgs, ScanArgs};
 use crate::models_command::pose_model;
 use crate::open::open_scan;
 use crate::output::Output;
@@ -63,6 +63,7 @@ pub fn run(
         scale,
         pose_model: pose_model.as_ref(),
         keypoints,
+        angles_unknown: args.angles == Some(Angles::Unknown),
     };
     let job = || scan_source(source, &config, &job_options, &progress, cancel);
     // The result of an earlier scan is not that of this one, even if this one fails.
@@ -118,7 +119,7 @@ pub fn with_cause(error: JobError, scan: &Path) -> Error {
     match error {
         JobError::Card(error) => Error::new(error).context("--scale card"),
         JobError::Pipeline(error) => Error::new(error).context(scan.display().to_string()),
-        error @ (JobError::Estimate(_) | JobError::Background(_)) => {
+        error @ (JobError::Estimate(_) | JobError::Background(_) | JobError::AnglesUnknown) => {
             Error::new(error).context(scan.display().to_string())
         }
         JobError::Check(error) => Error::new(error).context(scan.display().to_string()),

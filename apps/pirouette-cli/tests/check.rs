@@ -101,3 +101,33 @@ fn a_photo_given_for_all_views_is_one_clear_error() {
         assert!(error.contains("3 of the 4 photos"), "{error}");
     }
 }
+
+#[test]
+fn angles_are_found_and_wrong_ones_are_not_used() {
+    let folders = Folders::empty();
+    let mut stated = person().scan.clone();
+    // Neither the order nor any stated angle is right.
+    stated.views.rotate_left(3);
+    let truth: Vec<f64> = stated
+        .views
+        .iter()
+        .map(|view| view.turn.degrees())
+        .collect();
+    for view in &mut stated.views {
+        view.turn = pirouette_body::TurnAngle::from_degrees(10.0 - 2.0 * view.turn.degrees());
+    }
+    write_scan(&folders.scan(), &stated).unwrap();
+    let scan = folders.scan();
+    let check = ["check", text(&scan), "--angles", "unknown", "--json"];
+    let json = pirouette(&check).exits_with(0).json_line();
+    let views = json["views"].as_array().unwrap();
+    assert_eq!(views.len(), truth.len());
+    for (view, truth) in views.iter().zip(truth) {
+        // Sway turns the person by up to 6 degrees.
+        let off = view["angle_deg"].as_f64().unwrap() - truth;
+        let off = (off + 180.0).rem_euclid(360.0) - 180.0;
+        assert!(off.abs() < 12.0, "{view} {truth}");
+    }
+    let warnings = json["warnings"].to_string();
+    assert!(warnings.contains("turn angles were found"), "{warnings}");
+}

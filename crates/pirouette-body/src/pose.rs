@@ -4,6 +4,8 @@
 //! the room: every bone rotates about its head, children follow their parents, and the root rotates with the turn of
 //! the person, leans about the origin and shifts.
 
+use std::f64::consts::TAU;
+
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::{Bone, PerBone, PerJoint, TurnAngle};
@@ -57,6 +59,29 @@ impl Pose {
         pose
     }
 
+    /// Returns the turn that is part of the root's lean: its rotation about the vertical, without the lean to the sides
+    pub fn turned_more(&self) -> TurnAngle {
+        let root = DQuat::from_scaled_axis(self.rotations[Bone::Root]);
+        let (sine, cosine) = if root.w < 0.0 {
+            (-root.y, -root.w)
+        } else {
+            (root.y, root.w)
+        };
+        TurnAngle::from_radians(2.0 * sine.atan2(cosine))
+    }
+
+    /// Returns the same pose relative to another turn angle: no point in the room moves
+    pub fn about_turn(mut self, turn: TurnAngle, other: TurnAngle) -> Self {
+        let root = &mut self.rotations[Bone::Root];
+        let back = DQuat::from_rotation_y((turn.radians() - other.radians()).rem_euclid(TAU));
+        let mut rotation = DQuat::from_scaled_axis(*root) * back;
+        if rotation.w < 0.0 {
+            rotation = -rotation;
+        }
+        *root = rotation.to_scaled_axis();
+        self
+    }
+
     /// Returns the prior standard deviation of each parameter, in radians and mm
     ///
     /// The drift of people who try to stand still: determined on rendered sway and kept tight where silhouettes and
@@ -83,7 +108,26 @@ impl Pose {
         sigmas.shift_mm = DVec3::new(40.0, 8.0, 45.0);
         sigmas.to_parameters()
     }
+
+    /// Returns the prior standard deviation of each parameter for people who step between photos
+    ///
+    /// The angle between their photos is then arbitrary, and so are the directions of the feet, which otherwise would
+    /// determine the turn of the body.
+    pub fn stepping_sigmas() -> [f64; Self::PARAMETER_COUNT] {
+        let mut sigmas = Self::prior_sigmas();
+        for foot in [Bone::LeftFoot, Bone::RightFoot] {
+            let first = Self::first_parameter(foot);
+            sigmas[first..first + 3].fill(STEPPING_FOOT_DEGREES.to_radians());
+        }
+        sigmas
+    }
 }
+
+/// Standard deviation of the rotations of the feet of people who step between photos, in degrees
+///
+/// On photos of a real person in shoes who turned freely, the mean error of the turn is 3.5 degrees with the 2 degrees
+/// of standing feet, 2.9 degrees with these.
+const STEPPING_FOOT_DEGREES: f64 = 10.0;
 
 /// A body in one pose: the transform of each bone from the reference pose
 #[derive(Debug, Clone)]
@@ -324,6 +368,32 @@ mod tests {
     fn parameters_survive_a_round_trip() {
         let pose = some_pose();
         assert_eq!(Pose::from_parameters(&pose.to_parameters()), pose);
+    }
+
+    #[test]
+    fn a_pose_about_another_turn_moves_no_point() {
+        let (pose, turn) = (some_pose(), TurnAngle::from_degrees(350.0));
+        for degrees in [350.0, 10.0, 170.0, -190.0] {
+            let other = TurnAngle::from_degrees(degrees);
+            let moved = pose.about_turn(turn, other);
+            let points = [(&pose, turn), (&moved, other)]
+                .map(|(pose, turn)| pose_bones(&heads(), pose, turn).heads());
+            for bone in Bone::ALL {
+                assert!((points[0][bone] - points[1][bone]).length() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn the_turn_of_a_pose_excludes_its_lean() {
+        let mut pose = Pose::default();
+        let lean = DQuat::from_scaled_axis(DVec3::new(0.1, 0.0, -0.2));
+        let root = lean * DQuat::from_rotation_y(-0.3);
+        pose.rotations[Bone::Root] = root.to_scaled_axis();
+        assert!((pose.turned_more().radians() + 0.3).abs() < 1e-9);
+        let turn = TurnAngle::from_degrees(20.0);
+        let all = TurnAngle::from_radians(turn.radians() - 0.3);
+        assert!(pose.about_turn(turn, all).turned_more().radians().abs() < 1e-9);
     }
 
     #[test]

@@ -102,7 +102,8 @@ pub(crate) fn try_person(
     }
 }
 
-fn score(person: &Person, truth: &Truth, report: &Report) -> Score {
+/// Scores the result of a job on a person
+pub(crate) fn score(person: &Person, truth: &Truth, report: &Report) -> Score {
     let mut score = Score::default();
     let body = report.body.as_ref();
     if let Some(error) = body.and_then(|body| surface_error(body, &truth.body)) {

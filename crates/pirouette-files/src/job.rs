@@ -17,7 +17,7 @@ use pirouette::pipeline::{
     check_capture,
 };
 use pirouette::scale::{Card, ScaleError, scale_by_card, scale_by_pixels};
-use pirouette::scan::{KeypointKind, KeypointSource, Photo, StatureFrom};
+use pirouette::scan::{KeypointKind, KeypointSource, Photo, StatureFrom, View};
 use pirouette::sizes::{Chart, advise_person};
 use pirouette_pose::PoseModel;
 use serde_json::Value;
@@ -84,6 +84,12 @@ pub enum JobError {
          or install the pose detector with 'pirouette models install'"
     )]
     Estimate(#[source] EstimateError),
+    /// Turn angles are unknown, and there are no keypoints to find them
+    #[error(
+        "unknown turn angles cannot be found without keypoints: give angle_deg of all views in scan.json, provide keypoints, \
+         or install the pose detector with 'pirouette models install'"
+    )]
+    AnglesUnknown,
     /// The photos cannot give a body
     #[error(transparent)]
     Check(#[from] CheckError),
@@ -114,6 +120,8 @@ pub struct JobOptions<'a> {
     pub pose_model: Option<&'a PoseModel>,
     /// Source of the keypoints
     pub keypoints: KeypointChoice<'a>,
+    /// Whether turn angles are found in the photos, even if they are stated
+    pub angles_unknown: bool,
 }
 
 /// Source of the keypoints of a job
@@ -200,6 +208,7 @@ fn prepare(
             (_, None) => WithoutKeypoints::LoadedIfAll,
         },
         ignore_keypoint_files: matches!(options.keypoints, KeypointChoice::Estimate),
+        angles_unknown: options.angles_unknown,
         keypoints: match options.keypoints {
             KeypointChoice::Files(files) => Some(files),
             KeypointChoice::Best | KeypointChoice::Estimate => None,
@@ -221,6 +230,7 @@ fn prepare(
         }
     };
     if goal > Goal::Segment {
+        reject_unknown_angles(&mut loaded);
         check(&mut loaded)?;
         find_scale(&mut loaded, options.scale, on_event)?;
     }
@@ -236,6 +246,21 @@ fn prepare(
         detect_seconds,
     })
 }
+
+/// Leaves out views whose turn angles are unknown and cannot be found
+fn reject_unknown_angles(loaded: &mut LoadedScan) {
+    let views = loaded.scan.views.iter().enumerate();
+    let unknown = views.filter(|(_, view)| {
+        !view.turn_is_stated() && view.keypoints.found_count() < MIN_JOINTS_OF_ANGLE
+    });
+    let rejected = unknown
+        .map(|(index, _)| (index, ViewError::AngleUnknown))
+        .collect();
+    loaded.reject(rejected);
+}
+
+/// Minimum number of joints by which an unknown turn angle can be found
+const MIN_JOINTS_OF_ANGLE: usize = 8;
 
 /// Checks the scan, and leaves out repeated photos
 fn check(loaded: &mut LoadedScan) -> Result<(), CheckError> {
@@ -324,6 +349,9 @@ fn estimate(
         stage,
         step_count: 1,
     }));
+    if !loaded.scan.views.iter().all(View::turn_is_stated) {
+        return Err(JobError::AnglesUnknown);
+    }
     let background = loaded.background(options).map_err(JobError::Background)?;
     let estimated = estimate_keypoints(&loaded.scan, background.as_ref(), &|| cancel.cancelled());
     let estimated = estimated.map_err(JobError::Estimate)?;

@@ -38,9 +38,9 @@ use crate::warning::Warning;
 use pirouette::pipeline::{Goal, Method, Report};
 use pirouette::scan::{KeypointSource, Photo, Scan, View};
 use pirouette::sizes::{Chart, advise_person};
-use pirouette::skeleton_fit::{BoneScale, Skeleton};
+use pirouette::skeleton_fit::{BoneScale, Skeleton, TurnFrom};
 use pirouette::view::SolvedView;
-use pirouette_body::{Camera, ReferencePose};
+use pirouette_body::{Camera, ReferencePose, TurnAngle};
 
 /// Why results could not be written
 #[derive(Debug, Error)]
@@ -323,7 +323,10 @@ fn page<'a>(
         views: views
             .map(|(found, overlay)| PageView {
                 name: &scan.views[found.id.0].name,
-                turn_degrees: scan.views[found.id.0].turn.degrees(),
+                turn_degrees: found.turn_in_use(&scan.views[found.id.0]).degrees(),
+                turn_sd_degrees: found
+                    .skeleton
+                    .map(|skeleton| skeleton.turn_sd_radians.to_degrees()),
                 overlay,
             })
             .collect(),
@@ -390,12 +393,23 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
         .map(|(index, view)| {
             let dropped = report.dropped.iter().find(|d| d.id.0 == index);
             let failure = dropped.map(|d| (d.stage.name(), d.reason.to_string()));
-            view_entry(&view.name, view.turn.degrees(), failure)
+            let stated = view.turn_is_stated().then_some(view.turn);
+            let found = report.views.iter().find(|found| found.id.0 == index);
+            let turn = found.map_or(stated, |found| Some(found.turn_in_use(view)));
+            let mut entry = view_entry(&view.name, turn, failure);
+            if let Some(skeleton) = found.and_then(|found| found.skeleton) {
+                entry["angle_sd_deg"] = rounded(skeleton.turn_sd_radians.to_degrees(), 2);
+                if skeleton.turn_from != TurnFrom::Stated {
+                    let stated = stated.map(|turn| rounded(turn.degrees(), 3));
+                    entry["stated_angle_deg"] = json!(stated);
+                }
+            }
+            entry
         })
         .collect();
     views.extend(loaded.failed.iter().map(|failed| {
         let failure = Some(("load", failed.reason.to_string()));
-        view_entry(&failed.view, failed.turn.degrees(), failure)
+        view_entry(&failed.view, failed.turn, failure)
     }));
     let warnings: Vec<Value> = all_warnings(loaded, report)
         .map(|warning| {
@@ -446,8 +460,8 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
     value
 }
 
-fn view_entry(name: &str, angle_deg: f64, failure: Option<(&str, String)>) -> Value {
-    let angle = rounded(angle_deg, 3);
+fn view_entry(name: &str, turn: Option<TurnAngle>, failure: Option<(&str, String)>) -> Value {
+    let angle = turn.map(|turn| rounded(turn.degrees(), 3));
     match failure {
         None => json!({ "name": name, "angle_deg": angle, "status": "ok" }),
         Some((stage, reason)) => json!({

@@ -21,7 +21,8 @@ use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask, TriMesh};
 
 use pirouette::scan::{
-    CameraSetup, KeypointKind, KeypointSource, Photo, Scan, StatureFrom, Subject, View,
+    CameraSetup, KeypointKind, KeypointSource, Photo, STATED_TURN_SD_DEGREES, Scan, StatureFrom,
+    Subject, View,
 };
 use pirouette_body::{
     Avatar, Bone, Camera, Joint, Keypoint, Keypoints, NOMINAL_STATURE_PX, PerJoint, Pose,
@@ -165,6 +166,7 @@ pub fn synthesize_in(
                 input_size_px: (camera.width_px, camera.height_px),
                 photo,
                 turn,
+                turn_sd_radians: STATED_TURN_SD_DEGREES.to_radians(),
                 keypoints,
                 keypoints_from: KeypointSource::Given,
                 keypoint_kind: KeypointKind::default(),

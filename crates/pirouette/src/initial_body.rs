@@ -5,9 +5,10 @@ use pirouette_geom::parallel::prelude::*;
 use crate::body_fit::{
     BodyFitOptions, BodyFitPrior, BodyFitView, Outlines, fit_outlines, rigid_residual,
 };
-use crate::scan::{CameraSetup, Scan};
+use crate::scan::{CameraSetup, STATED_TURN_SD_DEGREES, Scan};
 use crate::skeleton_fit::{
-    KeypointView, Skeleton, SkeletonFitError, SkeletonFitOptions, fit_skeleton,
+    FREE_TURN_SIGMA_RADIANS, KeypointView, Skeleton, SkeletonFitError, SkeletonFitOptions,
+    TurnFrom, fit_skeleton,
 };
 use crate::view::SolvedView;
 use pirouette_body::mannequin::{MannequinError, MannequinParameters, coarse_mannequin, mannequin};
@@ -70,6 +71,7 @@ pub(crate) fn fit_views<'a>(
             keypoints: &view.skeleton().keypoints,
             camera: view.skeleton().camera,
             turn: view.skeleton().turn,
+            stepped: view.skeleton().turn_from != TurnFrom::Stated,
             pose,
             stature_mm,
         })
@@ -193,6 +195,10 @@ fn pose_avatar(
         .iter()
         .map(|view| KeypointView {
             turn: view.skeleton().turn,
+            turn_sd_radians: match view.skeleton().turn_from {
+                TurnFrom::Stated => STATED_TURN_SD_DEGREES.to_radians(),
+                TurnFrom::Corrected | TurnFrom::Found => FREE_TURN_SIGMA_RADIANS,
+            },
             keypoints: view.skeleton().keypoints,
             ..KeypointView::from(&scan.views[view.id.0])
         })
@@ -213,6 +219,8 @@ fn pose_avatar(
         ..SkeletonFitOptions::default()
     };
     let (posed, views) = fit_skeleton(avatar, &bundle_views, &setup, Some(stature_mm), &options)?;
-    let poses = views.iter().map(|view| view.pose).collect();
+    let pairs = views.iter().zip(&bundle_views);
+    let poses = pairs.map(|(view, given)| view.pose.about_turn(view.turn, given.turn));
+    let poses = poses.collect();
     Ok((posed.avatar, posed.posture, poses))
 }

@@ -105,6 +105,9 @@ pub enum KeypointKind {
     Coco,
 }
 
+/// Standard deviation of a person's turn around a stated angle if none is given, in degrees
+pub const STATED_TURN_SD_DEGREES: f64 = 5.0;
+
 /// One photo of the person with what was detected in it
 #[derive(Debug, Clone)]
 pub struct View {
@@ -114,8 +117,10 @@ pub struct View {
     pub photo: Photo,
     /// Columns and rows of the input; masks are written in this size
     pub input_size_px: (usize, usize),
-    /// Turn angle of the person
+    /// Turn angle of the person as stated; of no meaning if unknown
     pub turn: TurnAngle,
+    /// Prior standard deviation of the person's turn around that angle, sway included; infinite if the angle is unknown
+    pub turn_sd_radians: f64,
     /// Detected joints, in px of the photo
     pub keypoints: Keypoints,
     /// Origin of the keypoints
@@ -127,6 +132,11 @@ pub struct View {
 }
 
 impl View {
+    /// Returns whether the turn angle is stated
+    pub fn turn_is_stated(&self) -> bool {
+        self.turn_sd_radians.is_finite()
+    }
+
     /// Returns whether a fitted body has more accurate joints: if the keypoints are estimates, or those of a fast detector
     pub fn keypoints_are_rough(&self) -> bool {
         self.keypoints_from == KeypointSource::Estimate

@@ -2,8 +2,10 @@
 
 use crate::body_fit::FittedView;
 use crate::normalize::NormalizedView;
+use crate::scan::View;
 use crate::segment::Silhouette;
-use crate::skeleton_fit::SkeletonView;
+use crate::skeleton_fit::{SkeletonView, TurnFrom};
+use pirouette_body::TurnAngle;
 
 /// Index of a view in [`crate::scan::Scan::views`]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -34,5 +36,13 @@ impl SolvedView {
     pub fn skeleton(&self) -> &SkeletonView {
         let skeleton = self.skeleton.as_ref();
         skeleton.expect("no stage after the segmentation runs without a skeleton")
+    }
+
+    /// Returns the turn angle of this view, which is `given` in the scan: as stated there, or as found
+    pub fn turn_in_use(&self, given: &View) -> TurnAngle {
+        let found = self
+            .skeleton
+            .filter(|skeleton| skeleton.turn_from != TurnFrom::Stated);
+        found.map_or(given.turn, |skeleton| skeleton.turn.wrapped())
     }
 }

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::scan::Angles;
+
 /// Arguments of the command
 #[derive(Debug, Args)]
 pub struct CheckArgs {
@@ -14,6 +16,10 @@ pub struct CheckArgs {
     /// Network of the pose detector [default: the installed one]
     #[arg(long, value_name = "FILE")]
     pub pose_model: Option<PathBuf>,
+
+    /// `unknown` finds the turn angles in the photos, instead of using those stated
+    #[arg(long, value_name = "SOURCE", value_enum)]
+    pub angles: Option<Angles>,
 }
 
 pub const CHECK_HELP: &str = "\

@@ -62,6 +62,9 @@ pub enum EvalTable {
     /// Scan rendered photos with one part of the method disabled at a time
     #[command(after_help = EVAL_ABLATION_HELP)]
     Ablation(EvalAblationArgs),
+    /// Scan random people at unknown turn angles: errors of the angles found; writes docs/angles.md with `-o docs`
+    #[command(after_help = EVAL_ANGLES_HELP)]
+    Angles(EvalAnglesArgs),
     /// Scan folders that contain a `truth` folder, and score the results
     #[command(after_help = EVAL_SCANS_HELP)]
     Scans(EvalScansArgs),
@@ -156,6 +159,22 @@ pub struct EvalAblationArgs {
     pub views: u16,
 }
 
+/// Arguments of `eval angles`
+#[derive(Debug, Args)]
+pub struct EvalAnglesArgs {
+    /// Number of people
+    #[arg(long, value_name = "N", default_value_t = 12)]
+    pub people: usize,
+
+    /// Photos per person
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(4..=72))]
+    pub views: u16,
+
+    /// Folder for angles.md; if omitted, the tables are only printed
+    #[arg(short, long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
 /// Arguments of `eval scans`
 #[derive(Debug, Args)]
 pub struct EvalScansArgs {
@@ -237,6 +256,14 @@ pub const EVAL_ABLATION_HELP: &str = "\
 Examples:
   pirouette eval ablation
   pirouette eval ablation --people 2 --json";
+
+pub const EVAL_ANGLES_HELP: &str = "\
+Errors of the angles by the keypoints of each photo, by the skeleton of all photos, and by the body; and errors of the body
+with unknown and with known angles. `--json` lists every person.
+
+Examples:
+  pirouette eval angles --people 2
+  pirouette eval angles -o docs";
 
 pub const EVAL_SCANS_HELP: &str = "\
 Ground truth: truth/<photo>_mask.png, and optionally truth/<photo>_canonical.png (the person standing still in the

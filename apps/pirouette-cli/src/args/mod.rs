@@ -17,12 +17,12 @@ pub use avatar::AvatarArgs;
 pub use check::CheckArgs;
 pub use demo::DemoArgs;
 pub use eval::{
-    EvalAblationArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs, EvalPublishedArgs,
-    EvalScansArgs, EvalTable, EvalTapesArgs,
+    EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs,
+    EvalPublishedArgs, EvalScansArgs, EvalTable, EvalTapesArgs,
 };
 pub use keypoints::KeypointsArgs;
 pub use models::{ModelsAction, ModelsArgs};
-pub use scan::{KeypointInput, Method, MethodArgs, ScanArgs};
+pub use scan::{Angles, KeypointInput, Method, MethodArgs, ScanArgs};
 pub use size::SizeArgs;
 
 /// Silhouettes, a 3D body and tape measurements from photos of a turning person

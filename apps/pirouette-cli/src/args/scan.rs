@@ -34,6 +34,10 @@ pub struct ScanArgs {
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(4..=72))]
     pub views: u16,
 
+    /// `unknown` finds the turn angles in the photos, in any order and direction, instead of using those stated
+    #[arg(long, value_name = "SOURCE", value_enum)]
+    pub angles: Option<Angles>,
+
     #[command(flatten)]
     pub method: MethodArgs,
 
@@ -123,6 +127,11 @@ pub enum Method {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Angles {
+    Unknown,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ScaleSource {
     Card,
 }
@@ -203,6 +212,10 @@ optional; without `views`, the photos are used in the order of their names:
     \"views\": [ { \"image\": \"000.jpg\", \"keypoints\": \"000_keypoints.json\", \"angle_deg\": 0,
                  \"mask\": \"000_mask.png\" } ] }
 
+Turn angles that are unknown are `\"angle_deg\": null`, or `--angles unknown` for all: they are found by the joints of at least
+four photos, and turn 0 is where the person faces the camera, or as the stated angles have it. Stated angles are a prior: their
+standard deviation is `\"angle_sd_deg\": 5`, beside `views`; clearly wrong ones are reported and replaced by those found.
+
 The file may be UTF-8 or UTF-16, with comments, trailing commas and decimal commas. A mask is white on black in the size of
 the photo; inverted masks, cut-outs, one color per person and other sizes are recognized.
 
@@ -215,6 +228,7 @@ Examples:
   pirouette scan anna.zip -o anna
   pirouette scan photos/anna --keypoints alphapose-results.json
   pirouette scan photos/anna --keypoints none
+  pirouette scan photos/anna --angles unknown
   pirouette scan photos/anna --scale card --export csv,seamly2d
   pirouette scan photos/anna -o anna --format ply,glb --report
   pirouette scan photos/anna --method three-step --no-refine

@@ -5,7 +5,7 @@ mod units;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 use thiserror::Error;
 
 use super::json::{JsonError, to_strict};
@@ -26,6 +26,7 @@ const CAMERA_DISTANCE_MM: RangeInclusive<f64> = 300.0..=100_000.0;
 const PITCH_DEG: RangeInclusive<f64> = -80.0..=80.0;
 const YAW_DEG: RangeInclusive<f64> = -60.0..=60.0;
 const ANGLE_DEG: RangeInclusive<f64> = -3600.0..=3600.0;
+const ANGLE_SD_DEG: RangeInclusive<f64> = 0.5..=45.0;
 
 /// A checked manifest
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -40,6 +41,8 @@ pub struct Manifest {
     pub subject: Subject,
     /// Known parameters of the camera
     pub camera: CameraSetup,
+    /// Standard deviation of the person's turn around the stated angles, in degrees
+    pub angle_sd_deg: Option<f64>,
     /// A photo of the room without the person
     pub background: Option<String>,
     /// The views; if absent, all images of the folder are used
@@ -54,10 +57,16 @@ pub struct ManifestView {
     pub image: String,
     /// Its keypoints; if absent, `<stem>_keypoints.json` is searched for
     pub keypoints: Option<String>,
-    /// Turn angle, in degrees
-    pub angle_deg: Option<f64>,
+    /// Turn angle, in degrees; `Some(None)` for `null`, an unknown angle
+    #[serde(default, deserialize_with = "present")]
+    pub angle_deg: Option<Option<f64>>,
     /// A given silhouette, which replaces segmentation
     pub mask: Option<String>,
+}
+
+/// Distinguishes a key that is `null` from one that is absent
+fn present<'de, D: Deserializer<'de>>(file: D) -> Result<Option<Option<f64>>, D::Error> {
+    Option::deserialize(file).map(Some)
 }
 
 /// Why a manifest cannot be used
@@ -112,6 +121,7 @@ struct File {
     pose: Option<PoseName>,
     subject: Option<SubjectFile>,
     camera: Option<CameraFile>,
+    angle_sd_deg: Option<f64>,
     background: Option<String>,
     views: Option<Vec<ManifestView>>,
 }
@@ -196,6 +206,7 @@ pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
                 .map(f64::to_radians),
             distortion: 0.0,
         },
+        angle_sd_deg: within(file.angle_sd_deg, ANGLE_SD_DEG, || "angle_sd_deg".into())?,
         background: file.background,
         views: file.views,
     };
@@ -215,7 +226,7 @@ fn check_views(views: &[ManifestView]) -> Result<(), ManifestError> {
     units::check_angles(views)?;
     let mut names = std::collections::HashMap::new();
     for (index, view) in views.iter().enumerate() {
-        within(view.angle_deg, ANGLE_DEG, || {
+        within(view.angle_deg.flatten(), ANGLE_DEG, || {
             format!("views[{index}].angle_deg")
         })?;
         let paths = [
@@ -309,8 +320,21 @@ mod tests {
         assert!((pitch.to_degrees() + 5.0).abs() < 1e-9);
         let view = &manifest.views.unwrap()[0];
         assert_eq!(stem(&view.image), "000");
-        assert_eq!(view.angle_deg, Some(45.0));
+        assert_eq!(view.angle_deg, Some(Some(45.0)));
         assert_eq!(view.mask.as_deref(), Some("m.png"));
+    }
+
+    #[test]
+    fn an_angle_that_is_null_is_unknown() {
+        let manifest = parse_manifest(
+            br#"{ "angle_sd_deg": 12, "views": [ { "image": "0.jpg", "angle_deg": null }, { "image": "1.jpg" } ] }"#,
+        )
+        .unwrap();
+        assert_eq!(manifest.angle_sd_deg, Some(12.0));
+        let angles = manifest.views.unwrap();
+        assert_eq!(angles[0].angle_deg, Some(None));
+        assert_eq!(angles[1].angle_deg, None);
+        assert!(error(r#"{ "angle_sd_deg": 0 }"#).contains("angle_sd_deg"));
     }
 
     #[test]

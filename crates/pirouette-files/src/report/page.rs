@@ -45,6 +45,8 @@ pub(crate) struct Page<'a> {
 pub(crate) struct PageView<'a> {
     pub name: &'a str,
     pub turn_degrees: f64,
+    /// Standard deviation of the turn, in degrees
+    pub turn_sd_degrees: Option<f64>,
     /// As a JPEG file
     pub overlay: Vec<u8>,
 }
@@ -258,7 +260,10 @@ fn add_views(html: &mut String, views: &[PageView]) {
     }
     html.push_str("<h2>Photos</h2>\n<div class=\"views\">\n");
     for view in views {
-        let name = format!("{}, {:.0}°", view.name, view.turn_degrees);
+        let sd = view
+            .turn_sd_degrees
+            .map_or_else(String::new, |sd| format!(" ± {sd:.1}°"));
+        let name = format!("{}, {:.0}°{sd}", view.name, view.turn_degrees);
         html.push_str("<figure>");
         add_picture(html, &name, &view.overlay);
         add(
@@ -353,6 +358,7 @@ mod tests {
             views: vec![PageView {
                 name: "a\" onerror=\"b",
                 turn_degrees: 45.2,
+                turn_sd_degrees: Some(1.23),
                 overlay: vec![1, 2],
             }],
             camera: None,
@@ -366,7 +372,7 @@ mod tests {
         assert!(html.contains("<h1>anna &amp; &lt;ben&gt;</h1>"), "{html}");
         assert!(html.contains("&lt;script&gt;alert(&#39;hi&#39;)"), "{html}");
         assert!(
-            html.contains("alt=\"a&quot; onerror=&quot;b, 45°\""),
+            html.contains("alt=\"a&quot; onerror=&quot;b, 45° ± 1.2°\""),
             "{html}"
         );
         for tag in ["<script", "<ben", "onerror=\"b"] {

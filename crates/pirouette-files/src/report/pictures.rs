@@ -118,7 +118,7 @@ pub(crate) fn draw_contact_sheet(
             let view = &loaded.scan.views[found.id.0];
             ContactView {
                 name: &view.name,
-                turn: view.turn,
+                turn: found.turn_in_use(view),
                 photo: &view.photo,
                 mask: Some(&found.silhouette.mask),
                 normalized: found.normalized.as_ref().map(|n| &n.mask),
@@ -159,7 +159,7 @@ pub(crate) fn draw_residuals(
             let camera = &found.skeleton().camera;
             ResidualView {
                 name: &view.name,
-                turn: view.turn,
+                turn: found.turn_in_use(view),
                 photo: &view.photo,
                 silhouette: &found.silhouette.soft,
                 mask: &found.silhouette.mask,

@@ -26,7 +26,7 @@ pub(super) fn view_value(view: &View, found: &SolvedView) -> Value {
     });
     let mut value = json!({
         "name": view.name,
-        "angle_deg": rounded(view.turn.degrees(), 3),
+        "angle_deg": rounded(found.turn_in_use(view).degrees(), 3),
         "width_px": width,
         "height_px": height,
         "mask_given": view.mask.is_some(),

@@ -23,7 +23,9 @@ use crate::source::Source;
 pub(crate) use find::PHOTO_EXTENSIONS;
 use find::{Listing, PhotoFolder};
 use keypoint_files::{AssignedFiles, check_common_links, paths_in_scan};
-use pirouette::scan::{CameraSetup, KeypointSource, Photo, Scan, StatureFrom, View};
+use pirouette::scan::{
+    CameraSetup, KeypointSource, Photo, STATED_TURN_SD_DEGREES, Scan, StatureFrom, View,
+};
 use pirouette_body::TurnAngle;
 use view::{LoadedView, load_view, read_file};
 pub(crate) use view::{MAX_PHOTO_BYTES, keypoints_in_input};
@@ -50,6 +52,8 @@ pub struct LoadOptions<'a> {
     pub without_keypoints: WithoutKeypoints,
     /// Whether keypoint files are not read, as if no view had one
     pub ignore_keypoint_files: bool,
+    /// Whether stated turn angles are ignored, as if all were unknown
+    pub angles_unknown: bool,
     /// Keypoint files that replace those in the scan
     pub keypoints: Option<&'a GivenKeypoints>,
 }
@@ -61,6 +65,7 @@ impl Default for LoadOptions<'_> {
             one_shape: true,
             without_keypoints: WithoutKeypoints::default(),
             ignore_keypoint_files: false,
+            angles_unknown: false,
             keypoints: None,
         }
     }
@@ -115,8 +120,8 @@ impl LoadedScan {
             self.files.remove(index);
             self.scan.unusable_view_count += 1;
             self.failed.push(FailedView {
+                turn: view.turn_is_stated().then_some(view.turn),
                 view: view.name,
-                turn: view.turn,
                 reason,
             });
         }
@@ -160,8 +165,8 @@ impl LoadedScan {
 pub struct FailedView {
     /// Stem of the photo's file name
     pub view: String,
-    /// Turn angle of the person in this view
-    pub turn: TurnAngle,
+    /// Turn angle of the person in this view, if stated
+    pub turn: Option<TurnAngle>,
     /// Why it could not be loaded
     pub reason: ViewError,
 }
@@ -221,13 +226,16 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
     }
 
     let missing_count = entries.iter().filter(|e| e.angle_deg.is_none()).count();
-    if missing_count > 0 && missing_count < entries.len() {
+    if missing_count > 0 && missing_count < entries.len() && !options.angles_unknown {
         warnings.push(ScanWarning::AnglesMissing { missing_count });
     }
     let turn = |index: usize| {
         let even = 360.0 * index as f64 / entries.len() as f64;
-        TurnAngle::from_degrees(entries[index].angle_deg.unwrap_or(even))
+        let stated = entries[index].angle_deg.unwrap_or(Some(even));
+        let stated = stated.filter(|_| !options.angles_unknown);
+        stated.map(TurnAngle::from_degrees)
     };
+    let stated_sd_degrees = manifest.angle_sd_deg.unwrap_or(STATED_TURN_SD_DEGREES);
 
     let keypoint_files = AssignedFiles::new(&source, &entries, options.keypoints)?;
     let mut loaded: Vec<_> = entries
@@ -280,7 +288,8 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                     name,
                     photo: loaded.photo,
                     input_size_px: loaded.input_size_px,
-                    turn,
+                    turn: turn.unwrap_or_default(),
+                    turn_sd_radians: turn.map_or(f64::INFINITY, |_| stated_sd_degrees.to_radians()),
                     keypoints: loaded.keypoints,
                     keypoints_from: KeypointSource::Given,
                     keypoint_kind: loaded.keypoint_kind,

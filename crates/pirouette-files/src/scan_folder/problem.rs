@@ -94,10 +94,12 @@ pub enum ViewError {
         "no keypoints: {file} contains no person; repeat the detection with a clearer photo, or provide a mask in scan.json"
     )]
     NoPerson { file: String },
-    #[error(
-        "its photo is that of view {first}, at another angle; give each photo once, at its angle"
-    )]
+    #[error("its photo is that of view {first}; give each photo once, at its angle")]
     SamePhoto { first: String },
+    #[error(
+        "the turn angle is unknown, and cannot be found without keypoints; give angle_deg in scan.json, or keypoints"
+    )]
+    AngleUnknown,
     #[error(
         "no person was detected in {file}; show the person from head to toe, or provide keypoints"
     )]

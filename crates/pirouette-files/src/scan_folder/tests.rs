@@ -95,7 +95,8 @@ fn a_failing_view_is_reported_with_its_name_and_angle() {
     assert!(reasons[1].contains("contains no person"), "{reasons:?}");
     assert!(reasons[2].contains("NaN"), "{reasons:?}");
     assert!(reasons[3].contains("4_keypoints.json"), "{reasons:?}");
-    assert!((loaded.failed[3].turn.degrees() - 240.0).abs() < 1e-9);
+    let turn = loaded.failed[3].turn.unwrap();
+    assert!((turn.degrees() - 240.0).abs() < 1e-9);
 }
 
 #[test]
@@ -502,6 +503,7 @@ fn a_written_scan_reads_back_unchanged() {
         photo: Photo::from_fn(40, 50, |x, y| [4 * x as u8, 4 * y as u8, 7]),
         input_size_px: (40, 50),
         turn: TurnAngle::from_degrees(30.0),
+        turn_sd_radians: 12.0_f64.to_radians(),
         keypoints,
         keypoints_from: KeypointSource::Given,
         keypoint_kind: KeypointKind::default(),
@@ -543,6 +545,11 @@ fn a_written_scan_reads_back_unchanged() {
     assert_eq!(after.mask, before.mask);
     assert_eq!(after.name, before.name);
     assert!((after.turn.degrees() - 30.0).abs() < 1e-9);
+    assert!((after.turn_sd_radians.to_degrees() - 12.0).abs() < 1e-9);
+    let mut unknown = scan;
+    unknown.views[0].turn_sd_radians = f64::INFINITY;
+    write_scan(folder.0.path(), &unknown).unwrap();
+    assert!(!folder.load().unwrap().scan.views[0].turn_is_stated());
 }
 
 #[test]
@@ -558,6 +565,7 @@ fn keypoints_of_a_shrunk_photo_are_those_of_the_input() {
         photo: Photo::filled(40, 50, [0; 3]),
         input_size_px: (80, 150),
         turn: TurnAngle::default(),
+        turn_sd_radians: f64::INFINITY,
         keypoints,
         keypoints_from: KeypointSource::BlazePose,
         keypoint_kind: KeypointKind::MediaPipe,

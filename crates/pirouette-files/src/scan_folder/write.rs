@@ -12,7 +12,7 @@ use crate::formats::{manifest, photo};
 #[cfg(feature = "folders")]
 use crate::sink::make_folder;
 use crate::sink::{Sink, WriteError};
-use pirouette::scan::{KeypointKind, Scan, View};
+use pirouette::scan::{KeypointKind, STATED_TURN_SD_DEGREES, Scan, View};
 use pirouette_body::{Keypoints, ReferencePose, Sex};
 
 /// JPEG quality of written photos, typical of cameras
@@ -153,11 +153,19 @@ fn manifest_of(scan: &Scan) -> serde_json::Value {
             file["camera"][key] = json!(value);
         }
     }
+    let mut sds = scan
+        .views
+        .iter()
+        .map(|view| view.turn_sd_radians.to_degrees());
+    let stated = sds.find(|sd| sd.is_finite());
+    if let Some(sd) = stated.filter(|sd| (sd - STATED_TURN_SD_DEGREES).abs() > 1e-6) {
+        file["angle_sd_deg"] = json!(sd);
+    }
     let views = scan.views.iter().map(|view| {
         let name = &view.name;
         let mut entry = json!({
             "image": format!("{name}.jpg"),
-            "angle_deg": view.turn.degrees(),
+            "angle_deg": view.turn_is_stated().then(|| view.turn.degrees()),
         });
         if let Some(file) = keypoint_file_name(view) {
             entry["keypoints"] = json!(file);

@@ -27,6 +27,9 @@ const EXTENSIONS: [&str; 17] = [
 /// Quality of the extracted frames, which are compressed a second time
 const JPEG_QUALITY: u8 = 97;
 
+/// Standard deviation of the turn angles by the keypoints of single frames, in degrees
+const ANGLE_SD_DEG: f64 = 6.0;
+
 /// Largest manifest, in bytes
 const MAX_JSON_BYTES: u64 = 1 << 20;
 
@@ -187,6 +190,9 @@ fn make_source(
         })
         .collect();
     manifest.insert("views".to_owned(), Value::Array(entries));
+    manifest
+        .entry("angle_sd_deg")
+        .or_insert_with(|| json!(ANGLE_SD_DEG));
     let encoded: Vec<_> = views
         .par_iter()
         .map(|view| encode_jpeg(&view.photo, JPEG_QUALITY))

@@ -33,6 +33,7 @@ use pirouette_body::{
     Avatar, Bone, Camera, Joint, Keypoints, NOMINAL_STATURE_PX, PerBone, PerJoint, Pose,
     SkinWeight, TurnAngle, pose_bones,
 };
+use pose_step::TURN;
 use shape_step::ShapeSolver;
 use shared_step::{Reshape, SharedStep, arm_shares, step_together};
 use surface::Surface;
@@ -51,6 +52,8 @@ pub struct BodyFitView<'a> {
     pub camera: Camera,
     /// Turn angle of the person
     pub turn: TurnAngle,
+    /// Whether the turn angle is not stated: the person stepped to any angle
+    pub stepped: bool,
     /// Initial pose
     pub pose: Pose,
     /// Height of the person, in mm; determines the size of pixels
@@ -201,6 +204,8 @@ pub struct FittedBody {
 pub struct FittedView {
     /// Pose of the body
     pub pose: Pose,
+    /// Standard deviation of the turn of the pose, by its normal equations
+    pub turn_sd_radians: f64,
     /// The camera, corrected within its prior
     pub camera: Camera,
     /// Intersection over union of the posed body's silhouette with that of the photo; `None` if disabled by the
@@ -344,6 +349,7 @@ pub(crate) fn fit_outlines(
     let mut views = views.to_vec();
     let mut posture = prior.posture;
     let mut residual_px = f64::INFINITY;
+    let mut turn_sds = vec![Pose::prior_sigmas()[TURN]; views.len()];
     let mut transferred = Pose::default();
     let analyze = |(&count, level)| {
         let solver = ShapeSolver::new(level, &body, prior.stature_mm, options)?;
@@ -368,6 +374,7 @@ pub(crate) fn fit_outlines(
             (start.as_ref(), &spread),
         );
         poses = together.poses;
+        turn_sds = together.turn_sds;
         if together.shared != SharedStep::default() {
             for view in &mut views {
                 view.camera = together.shared.moved(&view.camera);
@@ -407,13 +414,16 @@ pub(crate) fn fit_outlines(
     } else {
         vec![None; views.len()]
     };
-    let parts = views.iter().zip(poses).zip(ious);
+    let parts = views.iter().zip(poses).zip(ious).zip(turn_sds);
     let fitted_views = parts
-        .map(|((view, pose), silhouette_iou)| FittedView {
-            pose,
-            camera: view.camera,
-            silhouette_iou,
-        })
+        .map(
+            |(((view, pose), silhouette_iou), turn_sd_radians)| FittedView {
+                pose,
+                turn_sd_radians,
+                camera: view.camera,
+                silhouette_iou,
+            },
+        )
         .collect();
     let body = FittedBody {
         avatar: fitted,

@@ -12,6 +12,9 @@ use pirouette_body::{
 /// Unknowns of one pose
 pub(super) const POSE: usize = Pose::PARAMETER_COUNT;
 
+/// Index of the turn of the root among them
+pub(super) const TURN: usize = Pose::first_parameter(Bone::Root) + 1;
+
 /// Unknowns of one pose and those shared by all views
 pub(super) const ALL: usize = POSE + SHARED;
 
@@ -110,7 +113,11 @@ pub(super) fn equations(
         equations.add(&active, &row, residual, weight);
     }
     add_keypoints(body, view, &posed, &motions, shared, &mut equations);
-    let (sigmas, at) = (Pose::prior_sigmas(), pose.to_parameters());
+    let sigmas = match view.stepped {
+        true => Pose::stepping_sigmas(),
+        false => Pose::prior_sigmas(),
+    };
+    let at = pose.to_parameters();
     let center = prior.to_parameters();
     for i in 0..POSE {
         let weight = sigmas[i].powi(-2);

@@ -11,7 +11,7 @@ use glam::DVec3;
 use pirouette_geom::parallel::prelude::*;
 
 use super::matches::{Match, Outline};
-use super::pose_step::{ALL, Equations, POSE, STEPS, equations};
+use super::pose_step::{ALL, Equations, POSE, STEPS, TURN, equations};
 use super::{Body, BodyFitView, CameraSpread};
 use pirouette_body::{Bone, Camera, Pose, SkinWeight};
 
@@ -112,6 +112,8 @@ pub(super) fn camera_rates(point: DVec3, camera: &Camera) -> [DVec3; 3] {
 #[derive(Debug)]
 pub(super) struct PoseUpdate {
     pub(super) poses: Vec<Pose>,
+    /// Standard deviation of the turn of each pose
+    pub(super) turn_sds: Vec<f64>,
     pub(super) shared: SharedStep,
 }
 
@@ -129,6 +131,7 @@ pub(super) fn step_together(
     let mut poses = poses.to_vec();
     let mut total = [0.0; SHARED];
     let sigmas = sigmas(spread);
+    let mut turn_sds = vec![Pose::prior_sigmas()[TURN]; views.len()];
     for _ in 0..STEPS {
         let shared = SharedStep::from_array(total);
         let equations: Vec<Option<Equations>> = (0..views.len())
@@ -162,6 +165,9 @@ pub(super) fn step_together(
             }
             None => [0.0; SHARED],
         };
+        for (sd, view) in turn_sds.iter_mut().zip(&eliminated) {
+            *sd = view.as_ref().map_or(*sd, |view| view.turn_sd);
+        }
         for (total, step) in total.iter_mut().zip(step) {
             *total += step;
         }
@@ -173,6 +179,7 @@ pub(super) fn step_together(
     }
     PoseUpdate {
         poses,
+        turn_sds,
         shared: SharedStep::from_array(total),
     }
 }
@@ -190,10 +197,12 @@ fn sigmas(spread: &CameraSpread) -> [f64; SHARED] {
 
 /// One view with its pose eliminated, as a function of the shared unknowns
 struct Eliminated {
-    /// Pose step for zero shared unknowns, then the reduction by each of them
+    /// Pose step for zero shared unknowns, then the reduction by each of them, then the covariances of the turn
     answers: Mat<f64>,
     matrix: [[f64; SHARED]; SHARED],
     right: [f64; SHARED],
+    /// Standard deviation of the turn of the pose
+    turn_sd: f64,
 }
 
 impl Eliminated {
@@ -201,9 +210,10 @@ impl Eliminated {
         let (matrix, right) = (&equations.matrix, &equations.right);
         let own = Mat::<f64>::from_fn(POSE, POSE, |i, j| matrix[i.max(j)][i.min(j)]);
         let factor = Llt::new(own.as_ref(), Side::Lower).ok()?;
-        let mut answers = Mat::<f64>::from_fn(POSE, 1 + SHARED, |i, j| match j {
+        let mut answers = Mat::<f64>::from_fn(POSE, 2 + SHARED, |i, j| match j {
             0 => right[i],
-            _ => matrix[POSE + j - 1][i],
+            1..=SHARED => matrix[POSE + j - 1][i],
+            _ => f64::from(u8::from(i == TURN)),
         });
         factor.solve_in_place(answers.as_mut());
         let across = |s: usize, column: usize| -> f64 {
@@ -216,6 +226,7 @@ impl Eliminated {
                 std::array::from_fn(|t| matrix[POSE + s.max(t)][POSE + s.min(t)] - across(s, 1 + t))
             }),
             right: std::array::from_fn(|s| right[POSE + s] - across(s, 0)),
+            turn_sd: answers[(TURN, 1 + SHARED)].sqrt(),
             answers,
         })
     }

@@ -65,6 +65,7 @@ impl Seen {
                 keypoints: &self.keypoints[i],
                 camera: self.camera,
                 turn: self.turns[i],
+                stepped: false,
                 pose: Pose::default(),
                 stature_mm: self.stature_mm,
             })

@@ -17,7 +17,7 @@ const SAME: f64 = 1.2;
 /// Angles that differ by less are the same, in degrees: a photo may be given twice at one angle
 const SAME_ANGLE_DEGREES: f64 = 2.0;
 
-/// Finds views that repeat the photo of an earlier view at another angle; pairs of the view and the earlier one
+/// Finds views that repeat the photo of an earlier view at another or an unknown angle; pairs of the view and the earlier one
 pub(super) fn find_repeats(views: &[View]) -> Vec<(usize, usize)> {
     let cells: Vec<Vec<f64>> = views.par_iter().map(person_cells).collect();
     let mut repeats: Vec<(usize, usize)> = Vec::new();
@@ -25,8 +25,10 @@ pub(super) fn find_repeats(views: &[View]) -> Vec<(usize, usize)> {
         let is_repeat = |&first: &usize| {
             let turn = views[index].turn.radians() - views[first].turn.radians();
             let turn = turn.sin().atan2(turn.cos()).abs().to_degrees();
+            let unknown = |index: usize| !views[index].turn_is_stated();
+            let other_angle = unknown(index) || unknown(first) || turn > SAME_ANGLE_DEGREES;
             let repeated = repeats.iter().any(|&(repeat, _)| repeat == first);
-            !repeated && turn > SAME_ANGLE_DEGREES && alike(&cells[index], &cells[first])
+            !repeated && other_angle && alike(&cells[index], &cells[first])
         };
         if let Some(first) = (0..index).find(is_repeat) {
             repeats.push((index, first));

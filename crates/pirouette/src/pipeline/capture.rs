@@ -4,12 +4,13 @@ use thiserror::Error;
 
 use crate::check::{Border, blur_px, is_cut_off};
 use crate::pipeline::verdict::MAX_CUT_OFF;
+use crate::pipeline::warning::{Warning, turn_warnings};
 use crate::pipeline::{AvatarSource, PipelineError, make_avatar, render_priors};
-use crate::scan::{Photo, Scan};
+use crate::scan::{Photo, Scan, View};
 use crate::skeleton_fit::{
-    KeypointView, Skeleton, SkeletonFitOptions, SkeletonView, SwapGroup, fit_skeleton,
+    KeypointView, Skeleton, SkeletonFitOptions, SkeletonView, SwapGroup, TurnFrom, fit_skeleton,
 };
-use pirouette_body::Joint;
+use pirouette_body::{Joint, TurnAngle};
 use pirouette_geom::Mask;
 use pirouette_geom::parallel::prelude::*;
 
@@ -76,6 +77,10 @@ impl Finding {
 pub struct Capture {
     /// The skeleton of all views, with its warnings
     pub skeleton: Skeleton,
+    /// Turn angle in use of each view of the scan: as stated, or as found
+    pub turns: Vec<TurnAngle>,
+    /// The views of the skeleton
+    views: Vec<SkeletonView>,
     /// Number of joints found in each view of the scan
     pub joint_counts: Vec<usize>,
     /// What is wrong or doubtful in each view of the scan
@@ -83,6 +88,11 @@ pub struct Capture {
 }
 
 impl Capture {
+    /// Returns the warnings about turn angles that were found; `scan` is the one that was checked
+    pub fn turn_warnings(&self, scan: &Scan) -> Vec<Warning> {
+        turn_warnings(scan, &self.skeleton, &self.views)
+    }
+
     /// Returns the number of photos that do not show the complete person if they are so many that the scan is refused
     pub fn refused_count(&self) -> Option<usize> {
         let serious = |found: &&Vec<Finding>| found.iter().any(Finding::is_serious);
@@ -125,9 +135,15 @@ pub fn check_capture(scan: &Scan, source: &AvatarSource) -> Result<Capture, Pipe
     };
     let findings = (0..scan.views.len()).into_par_iter().map(of_view).collect();
     let joint_counts = scan.views.iter().map(|view| view.keypoints.found_count());
+    let turn = |(given, view): (&View, &SkeletonView)| match view.turn_from {
+        TurnFrom::Stated => given.turn,
+        TurnFrom::Corrected | TurnFrom::Found => view.turn.wrapped(),
+    };
     Ok(Capture {
+        turns: scan.views.iter().zip(&views).map(turn).collect(),
         joint_counts: joint_counts.collect(),
         findings,
+        views,
         skeleton,
     })
 }

@@ -1,15 +1,17 @@
 //! The body fit of a job, with silhouettes that are computed again where keypoints are uncertain.
 
-use pirouette_body::{Avatar, Keypoint, Keypoints, Pose, Sex, pose_bones};
+use pirouette_body::{Avatar, Keypoint, Keypoints, Pose, Sex, TurnAngle, pose_bones};
 
 use crate::body_fit::{BodyFitOptions, BodyFitPrior, CameraSpread, Outlines, fit_outlines};
 use crate::initial_body::{choose_start, fit_views, start_as};
 use crate::pipeline::job::Job;
 use crate::pipeline::stages::render_priors;
-use crate::pipeline::{AvatarSource, Config, DropReason, Method, PipelineError, Report, Stage};
-use crate::scan::{CameraSetup, KeypointKind};
+use crate::pipeline::{
+    AvatarSource, Config, DropReason, Method, PipelineError, Report, Stage, TurnChange, Warning,
+};
+use crate::scan::{CameraSetup, KeypointKind, Scan};
 use crate::segment::{SegmentView, segment};
-use crate::skeleton_fit::SkeletonView;
+use crate::skeleton_fit::{REPORTED_TURN_SIGMAS, SkeletonView, TurnFrom, are_wrong};
 use crate::view::{SolvedView, ViewId};
 
 impl Job<'_> {
@@ -26,6 +28,11 @@ impl Job<'_> {
             self.segment_again(report)?;
         }
         self.fit_all(report, options)?;
+        let wrong = wrong_turns(self.scan, &report.views);
+        if !wrong.is_empty() {
+            self.use_found_turns(report, &wrong);
+            self.fit_all(report, options)?;
+        }
         let bad = contradicting(&report.views);
         if !bad.is_empty() {
             for (id, reason) in &bad {
@@ -38,6 +45,7 @@ impl Job<'_> {
             self.fit_all(report, options)?;
         }
         adopt_camera(report);
+        adopt_turns(report);
         // Pictures and the judgment of the body compare it with what was detected.
         for view in &mut report.views {
             let detected = detected.iter().find(|(id, _)| *id == view.id);
@@ -46,6 +54,30 @@ impl Job<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Replaces all stated turn angles by those of the fitted body, and reports the `wrong` ones
+    fn use_found_turns(&mut self, report: &mut Report, wrong: &[ViewId]) {
+        for view in &mut report.views {
+            if let Some(skeleton) = &mut view.skeleton {
+                skeleton.turn_from = TurnFrom::Corrected;
+            }
+        }
+        let stated = |view: &SolvedView| (view.id, view.skeleton().turn);
+        let stated: Vec<(ViewId, TurnAngle)> = report.views.iter().map(stated).collect();
+        adopt_turns(report);
+        let changes = report
+            .views
+            .iter()
+            .zip(stated)
+            .filter(|(view, _)| wrong.contains(&view.id));
+        let views = changes.map(|(view, (id, stated))| TurnChange {
+            view: self.scan.views[id.0].name.clone(),
+            stated_degrees: stated.wrapped().degrees(),
+            found_degrees: view.skeleton().turn.wrapped().degrees(),
+        });
+        let views = views.collect();
+        self.warn(Warning::TurnsWrong { views });
     }
 
     /// Returns the keypoints of the views in which the fast detector found them
@@ -166,6 +198,54 @@ fn adopt_camera(report: &mut Report) {
     if let Some(skeleton) = &mut report.skeleton {
         skeleton.camera = camera.with_size_of(&skeleton.camera);
     }
+}
+
+/// Replaces turn angles that were found with the skeleton by those of the fitted body, and their standard deviations
+///
+/// No point of the body moves. Turn 0 is where the poses of views with stated angles have it on average.
+fn adopt_turns(report: &mut Report) {
+    let turned = |view: &SolvedView| Some(view.fit?.pose.turned_more().radians());
+    let stated = |view: &&SolvedView| view.skeleton().turn_from == TurnFrom::Stated;
+    let of_stated: Vec<f64> = report
+        .views
+        .iter()
+        .filter(stated)
+        .filter_map(turned)
+        .collect();
+    let zero = of_stated.iter().sum::<f64>() / of_stated.len().max(1) as f64;
+    for view in &mut report.views {
+        let (Some(fit), Some(skeleton)) = (&mut view.fit, &mut view.skeleton) else {
+            continue;
+        };
+        skeleton.turn_sd_radians = fit.turn_sd_radians;
+        if skeleton.turn_from != TurnFrom::Stated {
+            let more = fit.pose.turned_more().radians() - zero;
+            let turn = TurnAngle::from_radians(skeleton.turn.radians() + more);
+            fit.pose = fit.pose.about_turn(skeleton.turn, turn);
+            skeleton.pose = skeleton.pose.about_turn(skeleton.turn, turn);
+            skeleton.turn = turn;
+        }
+    }
+}
+
+/// Returns the views whose stated turn angles the fitted body contradicts; empty if they are right on the whole
+///
+/// Outlines show the turn of a body more accurately than keypoints.
+fn wrong_turns(scan: &Scan, views: &[SolvedView]) -> Vec<ViewId> {
+    let deviation = |view: &SolvedView| {
+        let stated = view.skeleton().turn_from == TurnFrom::Stated;
+        let sd = scan.views[view.id.0].turn_sd_radians;
+        let turned = view.fit?.pose.turned_more().radians();
+        stated.then_some((view.id, turned / sd))
+    };
+    let deviations: Vec<(ViewId, f64)> = views.iter().filter_map(deviation).collect();
+    if !are_wrong(deviations.iter().map(|(_, off)| *off)) {
+        return Vec::new();
+    }
+    let reported = deviations
+        .iter()
+        .filter(|(_, off)| off.abs() > REPORTED_TURN_SIGMAS);
+    reported.map(|(id, _)| *id).collect()
 }
 
 /// Returns whether the initial mannequin of the fit is selected by the silhouettes: if none was specified

@@ -102,7 +102,7 @@ impl<'a> Job<'a> {
         self.scan
     }
 
-    fn warn(&mut self, warning: Warning) {
+    pub(super) fn warn(&mut self, warning: Warning) {
         (self.on_event)(Event::Warning(warning.clone()));
         self.warnings.push(warning);
     }
@@ -177,6 +177,8 @@ impl<'a> Job<'a> {
                 self.warn(Warning::Skeleton(warning));
             }
         }
+        let of_turns = warning::turn_warnings(scan, &skeleton, &views);
+        of_turns.into_iter().for_each(|warning| self.warn(warning));
         for &(view, limb) in &skeleton.swaps {
             let view = name(view);
             self.warn(Warning::SidesSwapped { view, limb });

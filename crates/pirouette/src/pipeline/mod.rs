@@ -33,7 +33,7 @@ pub use stages::{
     Normalizer, carve_views, make_avatar, normalized_outlines, photographed_outlines, render_priors,
 };
 pub use verdict::{Refusal, Suspect};
-pub use warning::Warning;
+pub use warning::{TurnChange, Warning};
 
 /// Method that transforms views to the reference pose
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

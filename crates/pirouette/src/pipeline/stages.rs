@@ -134,6 +134,7 @@ impl<'a> Normalizer<'a> {
             camera,
             keypoints,
             pose,
+            ..
         } = view.skeleton();
         let (turn, fit) = (*turn, view.fit.as_ref());
         let pose = fit.map_or(pose, |fit| &fit.pose);

@@ -5,7 +5,10 @@ use thiserror::Error;
 use crate::measure::Measure;
 use crate::normalize::NormalizeWarning;
 use crate::pipeline::{DropReason, Stage};
-use crate::skeleton_fit::{SkeletonFitError, SkeletonFitWarning, SwapGroup};
+use crate::scan::Scan;
+use crate::skeleton_fit::{
+    Skeleton, SkeletonFitError, SkeletonFitWarning, SkeletonView, SwapGroup, TurnFrom,
+};
 use pirouette_body::Joint;
 use pirouette_body::gltf::HullUsed;
 
@@ -28,6 +31,19 @@ pub enum Warning {
     AvatarClosed(HullUsed),
     #[error("{0}")]
     Skeleton(SkeletonFitWarning),
+    #[error(
+        "turn angles were found in the photos; by the joints alone, their standard deviations are up to {sd_degrees:.1} degrees"
+    )]
+    TurnsFound { sd_degrees: f64 },
+    #[error(
+        "stated turn angles are wrong, and those found in the photos are used: {}; correct angle_deg in scan.json",
+        list(views)
+    )]
+    TurnsWrong { views: Vec<TurnChange> },
+    #[error(
+        "view {view}: the turn angle is uncertain, as another one explains the keypoints as well; {degrees:.0} degrees are used"
+    )]
+    TurnUnclear { view: String, degrees: f64 },
     #[error("view {view}: swapped left and right were corrected ({})", limb.name())]
     SidesSwapped { view: String, limb: SwapGroup },
     #[error("view {view}: {} is {residual_px:.0} px from the position predicted by the other joints", joint.name())]
@@ -98,17 +114,42 @@ pub enum Warning {
     },
 }
 
+/// A view with a wrong turn angle
+#[derive(Debug, Clone, PartialEq)]
+pub struct TurnChange {
+    /// Its name
+    pub view: String,
+    /// The stated angle, in degrees
+    pub stated_degrees: f64,
+    /// The angle in use, in degrees
+    pub found_degrees: f64,
+}
+
+fn list(views: &[TurnChange]) -> String {
+    let changes = views.iter().map(|change| {
+        let (view, stated) = (&change.view, change.stated_degrees);
+        format!(
+            "view {view} {:.0} instead of {stated:.0} degrees",
+            change.found_degrees
+        )
+    });
+    changes.collect::<Vec<String>>().join(", ")
+}
+
 impl Warning {
     /// Returns the view concerned, if the warning concerns a single view
     pub fn view(&self) -> Option<&str> {
         match self {
             Warning::ViewDropped { view, .. }
+            | Warning::TurnUnclear { view, .. }
             | Warning::SidesSwapped { view, .. }
             | Warning::Outlier { view, .. }
             | Warning::Normalize { view, .. } => Some(view),
             Warning::NoSkeleton(_)
             | Warning::AvatarClosed(_)
             | Warning::Skeleton(_)
+            | Warning::TurnsFound { .. }
+            | Warning::TurnsWrong { .. }
             | Warning::CameraTilted { .. }
             | Warning::KeypointsDetected
             | Warning::KeypointsEstimated
@@ -138,11 +179,15 @@ impl Warning {
                 SkeletonFitWarning::TurnedBackward => "turned_backward",
                 SkeletonFitWarning::TurnsHalved => "turns_halved",
                 SkeletonFitWarning::TurnsShifted { .. } => "turns_shifted",
+                SkeletonFitWarning::TurnsGap { .. } => "turns_gap",
                 SkeletonFitWarning::ViewWithoutKeypoints { .. } => "view_without_keypoints",
                 SkeletonFitWarning::StatureContradicted { .. } => "stature_contradicted",
                 SkeletonFitWarning::UnusualLength { .. } => "unusual_length",
                 SkeletonFitWarning::NotConverged => "skeleton_not_settled",
             },
+            Warning::TurnsFound { .. } => "turns_found",
+            Warning::TurnsWrong { .. } => "turns_wrong",
+            Warning::TurnUnclear { .. } => "turn_unclear",
             Warning::SidesSwapped { .. } => "sides_swapped",
             Warning::Outlier { .. } => "outlier",
             Warning::KeypointsDetected => "keypoints_detected",
@@ -173,4 +218,35 @@ pub(super) fn is_about_scale(warning: SkeletonFitWarning) -> bool {
             | SkeletonFitWarning::CameraHeightUnknown { .. }
             | SkeletonFitWarning::StatureContradicted { .. }
     )
+}
+
+/// Returns the warnings about turn angles that were found
+pub(super) fn turn_warnings(
+    scan: &Scan,
+    skeleton: &Skeleton,
+    views: &[SkeletonView],
+) -> Vec<Warning> {
+    let name = |index: usize| scan.views[index].name.clone();
+    let unclear = skeleton
+        .unclear_turns
+        .iter()
+        .map(|&index| Warning::TurnUnclear {
+            view: name(index),
+            degrees: views[index].turn.wrapped().degrees(),
+        });
+    let found = views
+        .iter()
+        .filter(|view| view.turn_from == TurnFrom::Found);
+    let sd = found.map(|view| view.turn_sd_radians).reduce(f64::max);
+    let found = sd.map(|sd| Warning::TurnsFound {
+        sd_degrees: sd.to_degrees(),
+    });
+    let wrong = skeleton.wrong_turns.iter().map(|wrong| TurnChange {
+        view: name(wrong.view),
+        stated_degrees: wrong.stated.wrapped().degrees(),
+        found_degrees: wrong.found.wrapped().degrees(),
+    });
+    let views: Vec<TurnChange> = wrong.collect();
+    let wrong = (!views.is_empty()).then_some(Warning::TurnsWrong { views });
+    unclear.chain(found).chain(wrong).collect()
 }

@@ -12,6 +12,7 @@
 //! girths are not fitted.
 
 mod doubts;
+mod found_turns;
 mod model;
 mod problem;
 mod scales;
@@ -20,12 +21,13 @@ mod start;
 mod swaps;
 #[cfg(test)]
 mod tests;
+mod turn_start;
 mod turns;
 
 use glam::DVec3;
 
 use crate::detect::detected_positions;
-use crate::scan::{CameraSetup, KeypointKind, View};
+use crate::scan::{CameraSetup, KeypointKind, STATED_TURN_SD_DEGREES, View};
 use doubts::find_contradicted;
 use model::{Problem, Shared, Unknowns, room_joints};
 use pirouette_body::{
@@ -37,15 +39,21 @@ use solve::{Solution, solve};
 pub use doubts::CameraParameter;
 pub use problem::{SkeletonFitError, SkeletonFitWarning};
 pub use scales::{BoneScale, BoneScales, rescale_avatar};
-pub(crate) use start::{USUAL_VERTICAL_FOV_DEGREES, keypoint_sigma_px, usual_camera_height_mm};
+pub(crate) use start::{
+    FREE_TURN_SIGMA_RADIANS, USUAL_VERTICAL_FOV_DEGREES, keypoint_sigma_px, usual_camera_height_mm,
+};
 pub use swaps::SwapGroup;
+pub use turn_start::estimate_turns;
 pub use turns::TurnCorrection;
+pub(crate) use turns::{REPORTED as REPORTED_TURN_SIGMAS, are_wrong};
 
 /// Input of the fit from one photo
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KeypointView {
-    /// Turn angle of the person
+    /// Turn angle of the person as stated; of no meaning if unknown
     pub turn: TurnAngle,
+    /// Prior standard deviation of the person's turn around that angle, sway included; infinite if the angle is unknown
+    pub turn_sd_radians: f64,
     /// Detected joints, in px of the photo
     pub keypoints: Keypoints,
     /// Definition of the joints by their detector
@@ -61,6 +69,7 @@ impl From<&View> for KeypointView {
     fn from(view: &View) -> Self {
         Self {
             turn: view.turn,
+            turn_sd_radians: view.turn_sd_radians,
             keypoints: view.keypoints,
             keypoint_kind: view.keypoint_kind,
             width_px: view.photo.width(),
@@ -102,11 +111,26 @@ impl Default for SkeletonFitOptions {
     }
 }
 
+/// Origin of the turn angle of a view
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TurnFrom {
+    /// Stated, and consistent with the keypoints
+    Stated,
+    /// Found, because the keypoints contradict the stated angles of the scan
+    Corrected,
+    /// Found, because it is unknown
+    Found,
+}
+
 /// One view of the solution
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SkeletonView {
-    /// Turn angle: as given, or changed by [`Skeleton::turn_correction`]
+    /// Turn angle that the pose is relative to: as given, changed by [`Skeleton::turn_correction`], or found
     pub turn: TurnAngle,
+    /// Standard deviation of the person's turn in this view
+    pub turn_sd_radians: f64,
+    /// Origin of the turn angle
+    pub turn_from: TurnFrom,
     /// The camera; the cameras of all views differ only in the size of the photo
     pub camera: Camera,
     /// Keypoints, with swaps of left and right fixed
@@ -124,6 +148,10 @@ pub struct Skeleton {
     pub camera: Camera,
     /// Correction of the given turn angles
     pub turn_correction: TurnCorrection,
+    /// Views with wrong turn angles: those stated, or with the correction of all, and those found
+    pub wrong_turns: Vec<WrongTurn>,
+    /// Views whose unknown turn angles are uncertain: another turn explains the keypoints nearly as well
+    pub unclear_turns: Vec<usize>,
     /// Posture: the common rotation of arms and thighs in all views, relative to the reference pose
     ///
     /// Zero unless the keypoints clearly support it.
@@ -138,6 +166,17 @@ pub struct Skeleton {
     pub rms_px: f64,
     /// Assumptions and problems
     pub warnings: Vec<SkeletonFitWarning>,
+}
+
+/// A stated turn angle that the keypoints contradict
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WrongTurn {
+    /// Its view
+    pub view: usize,
+    /// The stated angle, with [`Skeleton::turn_correction`]
+    pub stated: TurnAngle,
+    /// The angle by the keypoints
+    pub found: TurnAngle,
 }
 
 /// A keypoint that no plausible pose explains
@@ -230,7 +269,24 @@ pub fn fit_skeleton(
         views: start.views,
     };
 
-    let (mut solution, turn_correction) = if options.correct_turns {
+    let free: Vec<bool> = views
+        .iter()
+        .map(|view| view.turn_sd_radians.is_infinite())
+        .collect();
+    let mut swaps = Vec::new();
+    let mut unclear_turns = Vec::new();
+    let (mut solution, mut turn_correction) = if free.contains(&true) {
+        let found = found_turns::find_turns(
+            &mut problem,
+            &free,
+            &estimate_turns(&avatar, views),
+            options.rounds,
+        );
+        found_turns::check_found(&problem, &found, &free)?;
+        swaps.extend(found.swapped.iter().map(|&view| (view, SwapGroup::Body)));
+        unclear_turns = found.unclear;
+        (found.solution, TurnCorrection::default())
+    } else if options.correct_turns {
         turns::solve_turns(&mut problem, options.rounds)
     } else {
         let solution = solve(&problem, problem.start(), options.rounds);
@@ -242,17 +298,6 @@ pub fn fit_skeleton(
     if turn_correction.halved {
         warnings.push(SkeletonFitWarning::TurnsHalved);
     }
-    let offset_degrees = turn_correction.offset.wrapped().degrees();
-    if turn_correction != TurnCorrection::default() && offset_degrees > 0.0 {
-        warnings.push(SkeletonFitWarning::TurnsShifted {
-            offset_degrees: if offset_degrees > 180.0 {
-                offset_degrees - 360.0
-            } else {
-                offset_degrees
-            },
-        });
-    }
-    let mut swaps = Vec::new();
     if turn_correction.swapped {
         swaps.extend((0..views.len()).map(|view| (view, SwapGroup::Body)));
     }
@@ -276,6 +321,30 @@ pub fn fit_skeleton(
             problem.free_posture = false;
         }
     }
+    let mut wrong_turns = Vec::new();
+    let mut free = free;
+    if free.contains(&true) {
+        solution = found_turns::solve_free(&mut problem, solution.unknowns, &free, options.rounds);
+        turn_correction.offset = found_turns::fix_zero(&mut problem, &mut solution.unknowns, &free);
+    } else if options.correct_turns
+        && let Some(found) = turns::solve_without_stated(&problem, &solution, options.rounds)
+    {
+        wrong_turns = turns::wrong_turns(views, &found.0, &mut turn_correction);
+        (problem, solution) = found;
+        free.fill(true);
+    }
+    // Later stages expect turns near those of the poses.
+    for (index, view) in views.iter().enumerate() {
+        if !free[index] && view.turn_sd_radians > (STATED_TURN_SD_DEGREES + 0.1).to_radians() {
+            problem.views[index].center_turn(&mut solution.unknowns.poses[index], 0.0);
+            free[index] = true;
+        }
+    }
+    warnings.extend(turn_correction.shift_warning());
+    if free.contains(&true) {
+        let turns: Vec<TurnAngle> = problem.views.iter().map(|view| view.turn).collect();
+        warnings.extend(found_turns::check_spread(&turns)?);
+    }
     if !solution.converged {
         warnings.push(SkeletonFitWarning::NotConverged);
     }
@@ -291,6 +360,9 @@ pub fn fit_skeleton(
             keypoints,
             swaps,
             turn_correction,
+            wrong_turns,
+            unclear_turns,
+            free_turns: free,
         },
         warnings,
     ))
@@ -320,6 +392,9 @@ struct Corrections {
     keypoints: Vec<Keypoints>,
     swaps: Vec<(usize, SwapGroup)>,
     turn_correction: TurnCorrection,
+    wrong_turns: Vec<WrongTurn>,
+    unclear_turns: Vec<usize>,
+    free_turns: Vec<bool>,
 }
 
 /// Assembles the result from the solution
@@ -390,20 +465,34 @@ fn assemble(
         });
     }
     let poses = final_poses(problem, &shared, unknowns);
+    let sds = found_turns::turn_sds(problem, unknowns, &corrections.free_turns);
+    let turn_from = |free: bool| match (free, corrections.wrong_turns.is_empty()) {
+        (false, _) => TurnFrom::Stated,
+        (true, true) => TurnFrom::Found,
+        (true, false) => TurnFrom::Corrected,
+    };
+    let turns = sds.into_iter().zip(&corrections.free_turns);
     let parts = problem.views.iter().zip(corrections.keypoints).zip(poses);
     let views = parts
-        .map(|((view, keypoints), pose)| SkeletonView {
-            turn: view.turn,
-            camera: shared.camera_of(view),
-            keypoints,
-            pose,
-        })
+        .zip(turns)
+        .map(
+            |(((view, keypoints), pose), (turn_sd_radians, &free))| SkeletonView {
+                turn: view.turn,
+                turn_sd_radians,
+                turn_from: turn_from(free),
+                camera: shared.camera_of(view),
+                keypoints,
+                pose,
+            },
+        )
         .collect();
     let skeleton = Skeleton {
         avatar: scaled,
         camera,
         posture: shared.posture,
         turn_correction: corrections.turn_correction,
+        wrong_turns: corrections.wrong_turns,
+        unclear_turns: corrections.unclear_turns,
         scales: shared.scales,
         swaps: corrections.swaps,
         outliers,
@@ -427,7 +516,8 @@ fn final_poses(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> Vec<P
     let mut poses: Vec<Pose> = unknowns
         .poses
         .iter()
-        .map(|pose| shared.pose(pose))
+        .zip(&problem.views)
+        .map(|(pose, view)| shared.pose(view, pose))
         .collect();
     let count = seen.iter().filter(|&&seen| seen).count().max(1) as f64;
     let mut mean = Pose::default();

@@ -7,12 +7,16 @@ use faer::Mat;
 use glam::{DVec2, DVec3};
 
 use super::scales::{BoneScale, BoneScales, Frame, ScaledFrame};
+use super::start::FREE_TURN_SIGMA_RADIANS;
 use pirouette_body::{
     Bone, Camera, Joint, Motion, PerBone, PerJoint, Pose, PosedBones, TurnAngle, pose_bones,
 };
 
 /// Unknowns of one view
 pub(super) const POSE_COUNT: usize = Pose::PARAMETER_COUNT;
+
+/// Index of the turn of the root, in the unknowns of one view
+pub(super) const TURN: usize = Pose::first_parameter(Bone::Root) + 1;
 
 /// Unknowns shared by all views: scales, offsets, camera, posture
 pub(super) const SHARED_COUNT: usize = POSTURE_START + 3 * POSTURE_BONES.len();
@@ -86,14 +90,62 @@ pub(super) struct Observed {
 #[derive(Debug, Clone)]
 pub(super) struct ViewData {
     pub(super) turn: TurnAngle,
+    /// Prior standard deviation of the turn of the pose beyond `turn`
+    pub(super) turn_sigma_radians: f64,
     pub(super) width_px: usize,
     pub(super) height_px: usize,
     pub(super) observed: PerJoint<Option<Observed>>,
+    /// Whether the face certainly is seen, or certainly is not
+    pub(super) face_seen: Option<bool>,
 }
 
 impl ViewData {
     pub(super) fn observed_count(&self) -> usize {
         self.observed.iter().flatten().count()
+    }
+
+    /// Returns the prior standard deviations of the pose
+    fn pose_sigmas(&self) -> [f64; POSE_COUNT] {
+        let mut sigmas = if self.is_free() {
+            Pose::stepping_sigmas()
+        } else {
+            Pose::prior_sigmas()
+        };
+        sigmas[TURN] = self.turn_sigma_radians;
+        sigmas
+    }
+
+    /// Returns whether the turn of the pose is not held by a stated angle
+    fn is_free(&self) -> bool {
+        self.turn_sigma_radians >= FREE_TURN_SIGMA_RADIANS
+    }
+
+    /// Frees the turn of a pose from the angle; no predicted keypoint moves
+    pub(super) fn free_turn(&mut self, unknowns: &mut [f64; POSE_COUNT]) {
+        let before = self.pose_sigmas();
+        self.turn_sigma_radians = FREE_TURN_SIGMA_RADIANS;
+        let sigmas = before.into_iter().zip(self.pose_sigmas());
+        for (unknown, (before, now)) in unknowns.iter_mut().zip(sigmas) {
+            *unknown *= before / now;
+        }
+    }
+
+    /// Moves the turn of a pose into the turn angle, except for `rest`; no predicted keypoint moves
+    pub(super) fn center_turn(&mut self, unknowns: &mut [f64; POSE_COUNT], rest: f64) {
+        let sigmas = self.pose_sigmas();
+        let root = Pose::first_parameter(Bone::Root);
+        let mut pose = Pose::from_parameters(&std::array::from_fn(|i| unknowns[i] * sigmas[i]));
+        let moved = pose.turned_more().radians() - rest;
+        let turn = TurnAngle::from_radians(self.turn.radians() + moved);
+        pose = pose.about_turn(self.turn, turn);
+        for (k, radians) in pose.rotations[Bone::Root]
+            .to_array()
+            .into_iter()
+            .enumerate()
+        {
+            unknowns[root + k] = radians / sigmas[root + k];
+        }
+        self.turn = turn;
     }
 }
 
@@ -273,7 +325,7 @@ impl Problem {
         shared: &Shared,
         pose: &[f64; POSE_COUNT],
     ) -> Option<PerJoint<Option<DVec2>>> {
-        let posed = pose_bones(&shared.body.heads, &shared.pose(pose), view.turn);
+        let posed = pose_bones(&shared.body.heads, &shared.pose(view, pose), view.turn);
         let camera = shared.camera_of(view);
         let joints = room_joints(&posed, &shared.body.keypoints);
         let mut residuals = PerJoint::splat(None);
@@ -295,11 +347,11 @@ impl Problem {
         pose: &[f64; POSE_COUNT],
         width: f64,
     ) -> Normal {
-        let posed = pose_bones(&shared.body.heads, &shared.pose(pose), view.turn);
+        let posed = pose_bones(&shared.body.heads, &shared.pose(view, pose), view.turn);
         let joints = room_joints(&posed, &shared.body.keypoints);
         let camera = shared.camera_of(view);
         let jacobian = Jacobian {
-            pose_sigmas: Pose::prior_sigmas(),
+            pose_sigmas: view.pose_sigmas(),
             shared_sigmas: self.shared_sigmas(),
             motions: std::array::from_fn(|parameter| posed.motion(parameter)),
             shifts: rates.map(|rates| {
@@ -374,8 +426,8 @@ fn transform_rates(posed: &PosedBones, rate: &ScaledFrame) -> PerBone<DVec3> {
 
 impl Shared {
     /// Returns the pose of one view: posture and the sway given by its unknowns
-    pub(super) fn pose(&self, unknowns: &[f64; POSE_COUNT]) -> Pose {
-        let sigmas = Pose::prior_sigmas();
+    pub(super) fn pose(&self, view: &ViewData, unknowns: &[f64; POSE_COUNT]) -> Pose {
+        let sigmas = view.pose_sigmas();
         let posture = self.posture.to_parameters();
         Pose::from_parameters(&std::array::from_fn(|i| {
             posture[i] + unknowns[i] * sigmas[i]

@@ -4,7 +4,7 @@ use thiserror::Error;
 
 use super::doubts::CameraParameter;
 use super::scales::BoneScale;
-use super::{MAX_STATURE_MM, MIN_STATURE_MM, start};
+use super::{MAX_STATURE_MM, MIN_STATURE_MM, found_turns, start};
 
 /// Assumption or problem of the fit
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
@@ -76,6 +76,17 @@ pub enum SkeletonFitWarning {
         /// Offset added to the angles, in degrees
         offset_degrees: f64,
     },
+    /// No photo shows the person in a part of the turn
+    #[error(
+        "no photo shows the person between the turn angles {from_degrees:.0} and {to_degrees:.0}: what only such photos show \
+         has the shape of the mannequin; make a complete turn"
+    )]
+    TurnsGap {
+        /// Turn angle at the start of the gap, in degrees
+        from_degrees: f64,
+        /// Turn angle at its end, in degrees
+        to_degrees: f64,
+    },
     /// The view has the mean pose of the others
     #[error("view {view} has no keypoints: it takes the mean pose of the other views")]
     ViewWithoutKeypoints {
@@ -134,6 +145,36 @@ pub enum SkeletonFitError {
          head or trunk must be visible above hips or legs"
     )]
     NoScale,
+    /// Too few views to find their turn angles
+    #[error(
+        "{found} photos with keypoints are too few to find unknown turn angles, at least {} are needed; \
+         provide more photos, or angle_deg in scan.json",
+        found_turns::MIN_VIEWS
+    )]
+    TooFewTurns {
+        /// Number of views with keypoints
+        found: usize,
+    },
+    /// The keypoints do not determine the turn angles
+    #[error(
+        "{unclear} of {unknown} unknown turn angles cannot be found: other angles explain the keypoints as well; \
+         check that face and feet have keypoints, or provide angle_deg in scan.json"
+    )]
+    TurnsUnclear {
+        /// Number of views with uncertain turn angles
+        unclear: usize,
+        /// Number of views with unknown turn angles
+        unknown: usize,
+    },
+    /// All views are from about the same side
+    #[error(
+        "all photos show the person from about the same side, within {range_degrees:.0} degrees: \
+         the person must turn between photos"
+    )]
+    TurnsAlike {
+        /// Range of all turn angles, in degrees
+        range_degrees: f64,
+    },
     /// The stature is not that of a person
     #[error(
         "a stature of {stature_mm} mm is not that of a person ({MIN_STATURE_MM} to {MAX_STATURE_MM} mm)"

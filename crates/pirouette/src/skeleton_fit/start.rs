@@ -3,6 +3,7 @@
 use glam::DVec2;
 
 use super::model::{CameraPrior, Observed, ViewData};
+use super::turn_start::faces_seen;
 use super::{KeypointView, SkeletonFitError, SkeletonFitOptions, SkeletonFitWarning};
 use crate::scan::CameraSetup;
 use pirouette_body::{Avatar, Joint, Keypoint, Keypoints, NOMINAL_STATURE_PX, PerJoint};
@@ -44,7 +45,7 @@ const HEIGHT_SIGMA_MM: f64 = 250.0;
 const MIN_DISTANCE_PER_STATURE: f64 = 0.75;
 
 /// Minimum height difference of two joints that determine the scale of a photo, relative to the stature
-const MIN_RISE_PER_STATURE: f64 = 0.15;
+pub(super) const MIN_RISE_PER_STATURE: f64 = 0.15;
 
 /// Distance of the person from the middle of the photos, relative to their height, above which the camera is assumed to
 /// be turned aside
@@ -54,6 +55,11 @@ const MIN_BESIDE: f64 = 0.04;
 
 /// Yaw that is reported, in radians: a person who stands a step beside the middle is harmless
 const MIN_REPORTED_YAW: f64 = 0.07;
+
+/// Standard deviation of the turn of a pose beyond its current angle, for views whose angle is unknown
+///
+/// The angle follows the pose in each round, so that this bounds the step, not the result.
+pub(crate) const FREE_TURN_SIGMA_RADIANS: f64 = 15.0_f64.to_radians();
 
 /// Minimum number of joints in all views together
 pub(super) const MIN_JOINTS: usize = 6;
@@ -80,7 +86,12 @@ pub(crate) fn keypoint_sigma_px(confidence: f64, stature_px: f64) -> f64 {
 }
 
 /// Returns a keypoint if it is usable: detected, finite, and not farther from the photo than its size
-fn usable(keypoints: &Keypoints, joint: Joint, width: f64, height: f64) -> Option<Keypoint> {
+pub(super) fn usable(
+    keypoints: &Keypoints,
+    joint: Joint,
+    width: f64,
+    height: f64,
+) -> Option<Keypoint> {
     let keypoint = keypoints.found(joint)?;
     let p = keypoint.position;
     let inside = (-width..=2.0 * width).contains(&p.x) && (-height..=2.0 * height).contains(&p.y);
@@ -136,13 +147,20 @@ pub(super) fn prepare(
     let prepared = views
         .iter()
         .zip(&found)
-        .map(|(view, joints)| {
+        .zip(faces_seen(views))
+        .map(|((view, joints), face_seen)| {
             let stature_px =
                 focal_per_height * view.height_px as f64 * stature_mm / seen.unwrap_or(distance_mm);
             ViewData {
                 turn: view.turn,
+                turn_sigma_radians: if view.turn_sd_radians.is_finite() {
+                    view.turn_sd_radians
+                } else {
+                    FREE_TURN_SIGMA_RADIANS
+                },
                 width_px: view.width_px,
                 height_px: view.height_px,
+                face_seen,
                 observed: joints.map(|joint| {
                     joint.map(|keypoint| Observed {
                         position: keypoint.position,
@@ -229,7 +247,7 @@ fn yaw_of(
 /// Estimates the pixels per mm of one view: the median slope of photo height over body height (Theil-Sen)
 ///
 /// Excludes the arms, which move too much.
-fn scale_of_view(
+pub(super) fn scale_of_view(
     avatar: &Avatar,
     joints: &PerJoint<Option<Keypoint>>,
     min_rise_mm: f64,

@@ -104,7 +104,7 @@ const SUSPICIOUS_ROTATION: f64 = 2.5;
 ///
 /// A swap moves at least four coordinates; this is far beyond the gain from noise, and far below the hundreds gained
 /// by fixing an arm in a front view.
-const CLEAR_GAIN: f64 = 12.0;
+pub(super) const CLEAR_GAIN: f64 = 12.0;
 
 /// Rounds of the pose for each swap that is tried
 const TRIAL_ROUNDS: usize = 8;

@@ -1,6 +1,7 @@
 //! Results of the skeleton fit for scans with known truth, and invariants.
 
 mod scene;
+mod turns;
 
 use glam::{DVec2, DVec3};
 use proptest::prelude::*;
@@ -484,7 +485,7 @@ proptest! {
     #[test]
     fn wild_keypoints_never_panic_and_never_give_nan(
         seed in any::<u64>(),
-        count in 1usize..4,
+        count in 1usize..6,
         spread in prop_oneof![Just(1.0), Just(300.0), Just(1e6), Just(1e300)],
         width_px in prop_oneof![Just(0usize), Just(1), Just(800)],
         height_px in prop_oneof![Just(0usize), Just(1), Just(1000)],
@@ -500,7 +501,8 @@ proptest! {
                     keypoints.set(joint, Keypoint { position, confidence: noise.uniform() });
                 }
                 let turn = TurnAngle::from_degrees(1000.0 * noise.normal());
-                KeypointView { turn, keypoints, keypoint_kind: KeypointKind::default(), width_px, height_px }
+                let turn_sd_radians = if noise.uniform() < 0.5 { 0.1 } else { f64::INFINITY };
+                KeypointView { turn, turn_sd_radians, keypoints, keypoint_kind: KeypointKind::default(), width_px, height_px }
             })
             .collect();
         let camera = CameraSetup { vertical_fov_radians: fov, ..CameraSetup::default() };

@@ -1,8 +1,10 @@
-//! Correction of turn angles that are counted in the wrong direction or not from the front.
+//! Correction of turn angles that are counted in the wrong direction, not from the front, or wrong in some views.
 
+use super::found_turns::{distance, solve_free};
 use super::model::{Problem, Shared, Unknowns};
 use super::solve::{Solution, solve};
 use super::swaps::SwapGroup;
+use super::{KeypointView, SkeletonFitWarning, WrongTurn};
 use pirouette_body::{Bone, Pose, TurnAngle};
 
 /// Fraction of outlier keypoints above which other turn angles are tried
@@ -14,10 +16,29 @@ const SUSPICIOUS_SHARE: f64 = 0.10;
 const CONVINCING_PART: f64 = 0.5;
 
 /// Minimum mean turn of all poses that is transferred to the angles, in radians: smaller ones are random
-const MIN_OFFSET_RADIANS: f64 = 0.07;
+pub(super) const MIN_OFFSET_RADIANS: f64 = 0.07;
+
+/// Offsets below this one are part of wrong angles, in radians; others are those of another start of the turn
+const MAX_SMALL_OFFSET_RADIANS: f64 = 0.5;
+
+/// Deviation of a found from a stated angle above which the view is reported, in standard deviations
+pub(crate) const REPORTED: f64 = 1.0;
 
 /// Maximum number of transfers of the mean turn to the angles
 const MAX_OFFSET_STEPS: usize = 4;
+
+/// Turn of a pose beyond that of the others above which the angles are searched again, in standard deviations
+const SUSPICIOUS_TURN: f64 = 0.8;
+
+/// Deviation of found from stated angles, in standard deviations, above which the stated ones are wrong: root mean
+/// square of all views, and that of one view
+///
+/// Sway gives 0.5 to 0.7, and up to 1.3 in one view.
+const WRONG_MEAN: f64 = 1.0;
+const WRONG_SINGLE: f64 = 2.0;
+
+/// Log-likelihood gain by which the keypoints alone must contradict the stated angles
+const CLEAR_TURN_GAIN: f64 = 8.0;
 
 /// Correction of the given turn angles: `turn = given or -given or half of it, plus offset`
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -33,6 +54,27 @@ pub struct TurnCorrection {
 }
 
 impl TurnCorrection {
+    /// Returns the warning about an offset
+    pub(super) fn shift_warning(self) -> Option<SkeletonFitWarning> {
+        let degrees = self.offset.wrapped().degrees();
+        let offset_degrees = if degrees > 180.0 {
+            degrees - 360.0
+        } else {
+            degrees
+        };
+        let shifted = self != Self::default() && degrees > 0.0;
+        shifted.then_some(SkeletonFitWarning::TurnsShifted { offset_degrees })
+    }
+
+    /// Returns whether the offset is that of persons who do not quite face the camera at turn 0
+    fn is_small_offset(self) -> bool {
+        let plain = Self {
+            offset: TurnAngle::default(),
+            ..self
+        } == Self::default();
+        plain && distance(self.offset, TurnAngle::default()) < MAX_SMALL_OFFSET_RADIANS
+    }
+
     fn apply(self, given: TurnAngle) -> TurnAngle {
         let factor = if self.halved { 0.5 } else { 1.0 };
         let turn = given.radians() * factor * if self.reversed { -1.0 } else { 1.0 };
@@ -91,6 +133,75 @@ pub(super) fn solve_turns(problem: &mut Problem, rounds: usize) -> (Solution, Tu
     (best, correction)
 }
 
+/// Returns whether angles that deviate by so many standard deviations from those stated are wrong
+pub(crate) fn are_wrong(deviations: impl Iterator<Item = f64>) -> bool {
+    let (mut sum, mut count, mut most) = (0.0, 0.0, 0.0_f64);
+    for off in deviations {
+        sum += off * off;
+        count += 1.0;
+        most = most.max(off.abs());
+    }
+    count > 0.0 && (sum > WRONG_MEAN * WRONG_MEAN * count || most > WRONG_SINGLE)
+}
+
+/// Solves without the stated turn angles, if the poses of some views turn away from them; `None` if they are confirmed
+///
+/// Sway turns people, too: angles are wrong only where they differ by more than sway and the statement's own standard
+/// deviation explain.
+pub(super) fn solve_without_stated(
+    problem: &Problem,
+    solution: &Solution,
+    rounds: usize,
+) -> Option<(Problem, Solution)> {
+    let shared = problem.shared(&solution.unknowns.shared);
+    let mean = mean_turn(problem, &shared, &solution.unknowns);
+    let views = problem.views.iter().zip(&solution.unknowns.poses);
+    let seen = views.filter(|(view, _)| view.observed_count() > 0);
+    let away = seen.map(|(view, pose)| {
+        let turned = shared.pose(view, pose).turned_more().radians() - mean;
+        turned.abs() / view.turn_sigma_radians
+    });
+    if away.fold(0.0, f64::max) <= SUSPICIOUS_TURN {
+        return None;
+    }
+    let mut freed = problem.clone();
+    let mut unknowns = solution.unknowns.clone();
+    for (view, pose) in freed.views.iter_mut().zip(&mut unknowns.poses) {
+        view.free_turn(pose);
+    }
+    let free = vec![true; freed.views.len()];
+    let found = solve_free(&mut freed, unknowns, &free, rounds);
+    let pairs = freed.views.iter().zip(&problem.views);
+    let off =
+        pairs.map(|(found, stated)| distance(found.turn, stated.turn) / stated.turn_sigma_radians);
+    let clear = found.cost < solution.cost - CLEAR_TURN_GAIN;
+    (clear && are_wrong(off)).then_some((freed, found))
+}
+
+/// Returns the views whose stated turn angles differ from those of `found`
+///
+/// A small offset of all angles is not a correction of its own then.
+pub(super) fn wrong_turns(
+    views: &[KeypointView],
+    found: &Problem,
+    correction: &mut TurnCorrection,
+) -> Vec<WrongTurn> {
+    if correction.is_small_offset() {
+        *correction = TurnCorrection::default();
+    }
+    let pairs = views.iter().zip(&found.views).enumerate();
+    let wrong = pairs.filter_map(|(view, (given, found))| {
+        let stated = correction.apply(given.turn);
+        let off = distance(stated, found.turn) / given.turn_sd_radians;
+        (off > REPORTED && found.observed_count() > 0).then_some(WrongTurn {
+            view,
+            stated,
+            found: found.turn,
+        })
+    });
+    wrong.collect()
+}
+
 fn set_turns(problem: &mut Problem, given: &[TurnAngle], correction: TurnCorrection) {
     for (view, &given) in problem.views.iter_mut().zip(given) {
         view.turn = correction.apply(given);
@@ -105,12 +216,12 @@ fn set_swapped(problem: &mut Problem, swapped: bool) {
 }
 
 /// Returns the mean turn of all poses beyond the turn angles, in radians
-fn mean_turn(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> f64 {
+pub(super) fn mean_turn(problem: &Problem, shared: &Shared, unknowns: &Unknowns) -> f64 {
     let poses = problem.views.iter().zip(&unknowns.poses);
     let turns: Vec<f64> = poses
         .filter(|(view, _)| view.observed_count() > 0)
-        .map(|(_, pose)| {
-            let pose: Pose = shared.pose(pose);
+        .map(|(view, pose)| {
+            let pose: Pose = shared.pose(view, pose);
             pose.rotations[Bone::Root].y
         })
         .collect();

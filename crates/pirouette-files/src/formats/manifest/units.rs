@@ -110,7 +110,7 @@ fn check(
 
 /// Rejects turn angles in radians or turns: at least three, of which all steps are equal parts of a turn
 pub(super) fn check_angles(views: &[ManifestView]) -> Result<(), ManifestError> {
-    let mut angles: Vec<f64> = views.iter().filter_map(|view| view.angle_deg).collect();
+    let mut angles: Vec<f64> = views.iter().filter_map(|view| view.angle_deg?).collect();
     angles.sort_by(f64::total_cmp);
     let (Some(&smallest), Some(&largest)) = (angles.first(), angles.last()) else {
         return Ok(());

@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3};
 use pirouette_geom::TriMesh;
 
 use super::super::*;
+use crate::scan::STATED_TURN_SD_DEGREES;
 use pirouette_body::{Keypoint, PerBone, PerJoint, ReferencePose, SkinWeight};
 
 pub(super) const STATURE_MM: f64 = 1700.0;
@@ -190,6 +191,7 @@ pub(super) fn scan(setting: &Setting) -> Truth {
         poses.push(pose);
         views.push(KeypointView {
             turn,
+            turn_sd_radians: STATED_TURN_SD_DEGREES.to_radians(),
             keypoints,
             keypoint_kind: KeypointKind::default(),
             width_px: camera.width_px,
