@@ -79,7 +79,7 @@ const MOMENTS: usize = 4;
 
 /// Renders a video frame by frame; `on_frame` gets the number of the frame, in order, and the picture
 ///
-/// Returns the true angle of each frame, in radians.
+/// Returns the true angle of each frame, in radians: that of the swaying person's hips.
 pub fn render_video(
     avatar: &Avatar,
     options: &VideoOptions,
@@ -115,7 +115,8 @@ pub fn render_video(
         let indices: Vec<usize> = (start..count.min(start + BATCH)).collect();
         let photos: Vec<Photo> = indices.par_iter().map(|&index| frame(index)).collect();
         for (index, photo) in indices.into_iter().zip(photos) {
-            angles.push(options.turn.angle_at(index as f64 / options.frames_per_s));
+            let (pose, turn) = motion.at(avatar, index as f64 / options.frames_per_s);
+            angles.push(turn.radians() + pose.turned_more().radians());
             if on_frame(index, photo).is_break() {
                 return angles;
             }
