@@ -24,9 +24,6 @@ const USUAL: [f64; 2] = [0.18, 0.12];
 /// Quantile of the distances that counts as the largest one
 const LARGEST: f64 = 0.92;
 
-/// Smaller extreme relative to the larger one from which on both signs are seen
-const BOTH_SIGNS: f64 = 0.6;
-
 /// Distance of the person from the usual place that is elsewhere, in statures
 const ELSEWHERE: f64 = 0.15;
 
@@ -105,12 +102,21 @@ impl TurnTrack {
             let count = seen.len();
             return Err(TrackError::TooFew { count, searched });
         }
-        let across = Extent::of(&seen, |seen| seen.cosine, USUAL[0]);
-        let forward = Extent::of(&seen, |seen| seen.sine, USUAL[1]);
-        let angle = |s: &Seen| forward.share(s.sine).atan2(across.share(s.cosine));
+        let usual = [
+            Extent::largest(&seen, |seen| seen.cosine, USUAL[0]),
+            Extent::largest(&seen, |seen| seen.sine, USUAL[1]),
+        ];
+        let angle = |seen: &Seen, [across, forward]: [Extent; 2]| {
+            forward.share(seen.sine).atan2(across.share(seen.cosine))
+        };
+        let first: Vec<f64> = seen.iter().map(|seen| angle(seen, usual)).collect();
+        let extents = [
+            Extent::of_turn(&seen, &first, |seen| seen.cosine).unwrap_or(usual[0]),
+            Extent::of_turn(&seen, &first, |seen| seen.sine).unwrap_or(usual[1]),
+        ];
         let raw: Vec<TurnSample> = continued(seen.iter().map(|seen| TurnSample {
             time_s: seen.time_s,
-            angle_radians: angle(seen),
+            angle_radians: angle(seen, extents),
         }));
         let samples = raw.iter().map(|sample| smoothed(&raw, *sample)).collect();
         Ok(Self { samples })
@@ -137,7 +143,7 @@ impl TurnTrack {
     }
 }
 
-/// Middle and half of the range of a distance in a turn
+/// Middle and half of the range of a distance over the turn
 #[derive(Debug, Clone, Copy)]
 struct Extent {
     middle: f64,
@@ -145,24 +151,44 @@ struct Extent {
 }
 
 impl Extent {
-    /// Returns the extent in all frames; the middle is 0 unless both signs are seen, as in a complete turn
-    ///
-    /// Detectors place joints differently from the front and from behind, so that the middle is not 0.
-    fn of(seen: &[Seen], of: fn(&Seen) -> f64, usual: f64) -> Self {
-        let mut all: Vec<f64> = seen.iter().map(of).collect();
-        let low = quantile(&mut all, 1.0 - LARGEST);
-        let high = quantile(&mut all, LARGEST);
-        let (most, least) = (high.max(-low), high.min(-low));
-        let both = least > BOTH_SIGNS * most;
-        let (middle, half) = if both {
-            ((high + low) / 2.0, (high - low) / 2.0)
-        } else {
-            (0.0, most)
-        };
+    /// Returns the largest distance to either side, around 0
+    fn largest(seen: &[Seen], of: fn(&Seen) -> f64, usual: f64) -> Self {
+        let mut sizes: Vec<f64> = seen.iter().map(|seen| of(seen).abs()).collect();
         Self {
-            middle,
-            half: half.max(usual / 2.0),
+            middle: 0.0,
+            half: quantile(&mut sizes, LARGEST).max(usual / 2.0),
         }
+    }
+
+    /// Returns the range of the mean distances in sectors of the approximate angles; `None` unless a complete turn is seen
+    ///
+    /// Detectors place joints differently from the front and from behind, so that the middle is not 0. Means of sectors
+    /// do not depend on where the person stands still.
+    fn of_turn(seen: &[Seen], angles: &[f64], of: fn(&Seen) -> f64) -> Option<Self> {
+        const SECTORS: usize = 12;
+        // The mean of a cosine over a sector around its extreme
+        const OF_EXTREME: f64 = 0.989;
+        let mut sums = [(0.0, 0.0); SECTORS];
+        for (seen, angle) in seen.iter().zip(angles) {
+            let sector = (angle / TAU * SECTORS as f64)
+                .round()
+                .rem_euclid(SECTORS as f64);
+            let (sum, count) = &mut sums[sector as usize % SECTORS];
+            *sum += of(seen);
+            *count += 1.0;
+        }
+        let means: Option<Vec<f64>> = sums
+            .iter()
+            .map(|(sum, count)| (*count > 0.0).then(|| sum / count))
+            .collect();
+        let means = means?;
+        let low = means.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let half = (high - low) / 2.0 / OF_EXTREME;
+        (half > 0.0).then_some(Self {
+            middle: (high + low) / 2.0,
+            half,
+        })
     }
 
     fn share(self, distance: f64) -> f64 {
