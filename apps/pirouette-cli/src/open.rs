@@ -35,7 +35,7 @@ pub fn open_scan(
     Ok(found.source)
 }
 
-/// Says what was found, and what may limit the result
+/// Says what was found
 fn report(found: &VideoScan, progress: &Progress) {
     let choice = &found.extracted.choice;
     let turned_deg = choice.turned_radians.to_degrees();
@@ -45,20 +45,4 @@ fn report(found: &VideoScan, progress: &Progress) {
         choice.frames.first().map_or(0.0, |frame| frame.time_s),
         choice.frames.last().map_or(0.0, |frame| frame.time_s),
     ));
-    if turned_deg < 340.0 {
-        progress.print_line(
-            "warning: the video shows less than a complete turn: what is seen from one side only is less accurate; turn once",
-        );
-    }
-    if choice.missing > 0 {
-        progress.print_line(&format!(
-            "warning: {} directions have no usable frame: the person was not found there",
-            choice.missing
-        ));
-    }
-    if found.hdr {
-        progress.print_line(
-            "warning: the colors of high dynamic range were converted to the usual range",
-        );
-    }
 }

@@ -81,7 +81,7 @@ fn a_video_of_a_turn_is_measured() {
             person().stature_mm()
         ),
     );
-    let run = folders.run("scan", &["--views", "8", &flag, &model]);
+    let run = folders.run("scan", &["--views", "8", "--report", &flag, &model]);
     let error = run.exits_with(0).stderr();
     assert!(error.contains("8 views"), "{error}");
     let result = folders.json("result.json");
@@ -89,12 +89,16 @@ fn a_video_of_a_turn_is_measured() {
     assert!(views.len() >= 7, "{}", views.len());
     for view in views {
         let name = view["name"].as_str().unwrap();
-        let time_s: f64 = name.trim_end_matches('s').parse().unwrap();
+        let time_s = view["time_s"].as_f64().unwrap();
+        assert_eq!(name, format!("{time_s:07.3}s"));
         let true_deg = angles[(time_s * RATE).round() as usize].to_degrees();
         let error = view["angle_deg"].as_f64().unwrap() - true_deg;
         let error = (error + 180.0).rem_euclid(360.0) - 180.0;
         assert!(error.abs() < 15.0, "{name}: {error}");
     }
+    let page = std::fs::read_to_string(folders.out().join("report.html")).unwrap();
+    assert!(page.contains("<h2>Turn in the video</h2>"));
+    assert_eq!(page.matches("<circle").count(), views.len());
     let truth = measure_avatar(&person());
     let measured = folders.json("measurements.json");
     for measure in [Measure::WaistGirth, Measure::HipGirth] {

@@ -320,9 +320,11 @@ fn page<'a>(
         tapes: None,
         contact_sheet,
         residuals: None,
+        turn: loaded.video.as_ref().map_or(&[], |video| &video.turn),
         views: views
             .map(|(found, overlay)| PageView {
                 name: &scan.views[found.id.0].name,
+                time_s: scan.views[found.id.0].time_s,
                 turn_degrees: found.turn_in_use(&scan.views[found.id.0]).degrees(),
                 turn_sd_degrees: found
                     .skeleton
@@ -397,6 +399,9 @@ pub fn result_value(loaded: &LoadedScan, load_seconds: f64, report: &Report) -> 
             let found = report.views.iter().find(|found| found.id.0 == index);
             let turn = found.map_or(stated, |found| Some(found.turn_in_use(view)));
             let mut entry = view_entry(&view.name, turn, failure);
+            if let Some(time_s) = view.time_s {
+                entry["time_s"] = rounded(time_s, 3);
+            }
             if let Some(skeleton) = found.and_then(|found| found.skeleton) {
                 entry["angle_sd_deg"] = rounded(skeleton.turn_sd_radians.to_degrees(), 2);
                 if skeleton.turn_from != TurnFrom::Stated {

@@ -167,6 +167,7 @@ pub fn synthesize_in(
                 photo,
                 turn,
                 turn_sd_radians: STATED_TURN_SD_DEGREES.to_radians(),
+                time_s: None,
                 keypoints,
                 keypoints_from: KeypointSource::Given,
                 keypoint_kind: KeypointKind::default(),

@@ -121,6 +121,8 @@ pub struct View {
     pub turn: TurnAngle,
     /// Prior standard deviation of the person's turn around that angle, sway included; infinite if the angle is unknown
     pub turn_sd_radians: f64,
+    /// Time stamp in the video that the photo was taken from, in s
+    pub time_s: Option<f64>,
     /// Detected joints, in px of the photo
     pub keypoints: Keypoints,
     /// Origin of the keypoints

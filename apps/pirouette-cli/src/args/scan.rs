@@ -216,6 +216,10 @@ Turn angles that are unknown are `\"angle_deg\": null`, or `--angles unknown` fo
 four photos, and turn 0 is where the person faces the camera, or as the stated angles have it. Stated angles are a prior: their
 standard deviation is `\"angle_sd_deg\": 5`, beside `views`; clearly wrong ones are reported and replaced by those found.
 
+A video of one turn is decoded by the program ffmpeg; scan.json is in its folder, or NAME.json beside NAME.mp4. The pose
+detector finds the turn, and --views sharp frames become views with their times. Photos taken from a video elsewhere may have
+\"time_s\" beside \"angle_deg\".
+
 The file may be UTF-8 or UTF-16, with comments, trailing commas and decimal commas. A mask is white on black in the size of
 the photo; inverted masks, cut-outs, one color per person and other sizes are recognized.
 

@@ -5,7 +5,7 @@ mod units;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize};
 use thiserror::Error;
 
 use super::json::{JsonError, to_strict};
@@ -45,8 +45,27 @@ pub struct Manifest {
     pub angle_sd_deg: Option<f64>,
     /// A photo of the room without the person
     pub background: Option<String>,
+    /// The video that the photos were taken from
+    pub video: Option<VideoFacts>,
     /// The views; if absent, all images of the folder are used
     pub views: Option<Vec<ManifestView>>,
+}
+
+/// Facts about the video that photos were taken from
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct VideoFacts {
+    /// Angle between the extreme directions of the person, in degrees
+    pub turned_deg: f64,
+    /// Number of directions for which no frame is usable
+    #[serde(default)]
+    pub missing_count: usize,
+    /// Whether colors of high dynamic range were converted
+    #[serde(default)]
+    pub hdr: bool,
+    /// Times, in s, and turn angles, in degrees, continued beyond full turns
+    #[serde(default)]
+    pub turn: Vec<(f64, f64)>,
 }
 
 /// One view of a manifest; paths are relative to the scan folder and stay inside it
@@ -60,6 +79,8 @@ pub struct ManifestView {
     /// Turn angle, in degrees; `Some(None)` for `null`, an unknown angle
     #[serde(default, deserialize_with = "present")]
     pub angle_deg: Option<Option<f64>>,
+    /// Time stamp in the video that the photo was taken from, in s
+    pub time_s: Option<f64>,
     /// A given silhouette, which replaces segmentation
     pub mask: Option<String>,
 }
@@ -123,6 +144,7 @@ struct File {
     camera: Option<CameraFile>,
     angle_sd_deg: Option<f64>,
     background: Option<String>,
+    video: Option<VideoFacts>,
     views: Option<Vec<ManifestView>>,
 }
 
@@ -208,6 +230,7 @@ pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
         },
         angle_sd_deg: within(file.angle_sd_deg, ANGLE_SD_DEG, || "angle_sd_deg".into())?,
         background: file.background,
+        video: file.video,
         views: file.views,
     };
     if let Some(path) = &checked.background {
@@ -335,6 +358,23 @@ mod tests {
         assert_eq!(angles[0].angle_deg, Some(None));
         assert_eq!(angles[1].angle_deg, None);
         assert!(error(r#"{ "angle_sd_deg": 0 }"#).contains("angle_sd_deg"));
+    }
+
+    #[test]
+    fn photos_of_a_video_have_times_and_its_turn() {
+        let manifest = parse_manifest(
+            br#"{ "video": { "turned_deg": 200.5, "turn": [ [0.0, -10.0], [4.0, 190.5] ] },
+                "views": [ { "image": "0.jpg", "time_s": 1.5 } ] }"#,
+        )
+        .unwrap();
+        assert_eq!(manifest.views.unwrap()[0].time_s, Some(1.5));
+        let video = manifest.video.unwrap();
+        assert_eq!(
+            (video.turned_deg, video.missing_count, video.hdr),
+            (200.5, 0, false)
+        );
+        assert_eq!(video.turn, [(0.0, -10.0), (4.0, 190.5)]);
+        assert!(error(r#"{ "video": {} }"#).contains("turned_deg"));
     }
 
     #[test]

@@ -16,6 +16,7 @@ pub(crate) mod page;
 pub(crate) mod pictures;
 mod residuals;
 mod tapes;
+mod turn_curve;
 
 pub use contact::{ContactView, contact_sheet};
 pub use keypoints::keypoint_picture;

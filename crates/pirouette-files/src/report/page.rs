@@ -3,6 +3,7 @@
 //! Pictures are embedded, styles are inline, there are no scripts; the page's security policy forbids loading other
 //! content. All text is escaped, regardless of its source.
 
+use super::turn_curve::{TimedTurn, turn_curve};
 use std::fmt::{Display, Write};
 
 use base64::Engine;
@@ -33,6 +34,8 @@ pub(crate) struct Page<'a> {
     /// Differences between the photos and the fitted body, as a JPEG file
     pub residuals: Option<Vec<u8>>,
     /// One picture per view
+    /// Times, in s, and turn angles in the video, in degrees
+    pub turn: &'a [(f64, f64)],
     pub views: Vec<PageView<'a>>,
     /// The camera of the results
     pub camera: Option<&'a Camera>,
@@ -44,6 +47,8 @@ pub(crate) struct Page<'a> {
 #[derive(Debug)]
 pub(crate) struct PageView<'a> {
     pub name: &'a str,
+    /// Time stamp in the video, in s
+    pub time_s: Option<f64>,
     pub turn_degrees: f64,
     /// Standard deviation of the turn, in degrees
     pub turn_sd_degrees: Option<f64>,
@@ -118,6 +123,7 @@ pub(crate) fn write_page(page: &Page) -> String {
         add_picture(&mut html, what, residuals);
         html.push_str("</div>\n");
     }
+    add_turn(&mut html, page);
     add_views(&mut html, &page.views);
     if let Some(camera) = page.camera {
         add_camera(&mut html, camera);
@@ -254,6 +260,22 @@ fn method_text(method: Method) -> &'static str {
     }
 }
 
+/// Adds the turn over time in a video
+fn add_turn(html: &mut String, page: &Page) {
+    let timed = page.views.iter().filter_map(|view| {
+        Some(TimedTurn {
+            time_s: view.time_s?,
+            turn_degrees: view.turn_degrees,
+        })
+    });
+    if let Some(svg) = turn_curve(page.turn, &timed.collect::<Vec<_>>()) {
+        add(
+            html,
+            format_args!("<h2>Turn in the video</h2>\n<div class=\"wide\">{svg}</div>\n"),
+        );
+    }
+}
+
 fn add_views(html: &mut String, views: &[PageView]) {
     if views.is_empty() {
         return;
@@ -355,8 +377,10 @@ mod tests {
             tapes: None,
             contact_sheet: Some(vec![0xff, 0xd8, 0xff]),
             residuals: None,
+            turn: &[],
             views: vec![PageView {
                 name: "a\" onerror=\"b",
+                time_s: None,
                 turn_degrees: 45.2,
                 turn_sd_degrees: Some(1.23),
                 overlay: vec![1, 2],
@@ -424,6 +448,7 @@ mod tests {
             tapes: None,
             contact_sheet: None,
             residuals: None,
+            turn: &[],
             views: Vec::new(),
             camera: None,
             seconds: Vec::new(),

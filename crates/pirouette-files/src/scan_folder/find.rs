@@ -171,6 +171,7 @@ impl Listing {
             }
         }
         let view = |image| ManifestView {
+            time_s: None,
             image,
             keypoints: None,
             angle_deg: None,

@@ -16,7 +16,7 @@ use std::path::Path;
 use pirouette_geom::parallel::prelude::*;
 
 use crate::formats::manifest;
-use crate::formats::manifest::{Manifest, ManifestView};
+use crate::formats::manifest::{Manifest, ManifestView, VideoFacts};
 use crate::formats::photo::{decode_photo, shrink};
 use crate::source::Source;
 #[cfg(feature = "folders")]
@@ -101,6 +101,8 @@ pub struct LoadedScan {
     pub failed: Vec<FailedView>,
     /// Automatic corrections
     pub warnings: Vec<ScanWarning>,
+    /// The video that the photos were taken from
+    pub video: Option<VideoFacts>,
     /// Indices of the views without a keypoint file
     pub without_keypoints: Vec<usize>,
     /// A photo of the room without the person
@@ -290,6 +292,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                     input_size_px: loaded.input_size_px,
                     turn: turn.unwrap_or_default(),
                     turn_sd_radians: turn.map_or(f64::INFINITY, |_| stated_sd_degrees.to_radians()),
+                    time_s: entry.time_s,
                     keypoints: loaded.keypoints,
                     keypoints_from: KeypointSource::Given,
                     keypoint_kind: loaded.keypoint_kind,
@@ -309,6 +312,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
             first: first.clone(),
         });
     }
+    warnings.extend(manifest.video.iter().flat_map(video_warnings));
     warnings.extend(cropped.filter(|_| manifest.camera.vertical_fov_radians.is_none()));
     let camera = CameraSetup {
         vertical_fov_radians: manifest
@@ -330,11 +334,31 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
         },
         failed,
         warnings,
+        video: manifest.video,
         without_keypoints,
         background_file,
         source,
         files,
     })
+}
+
+/// Angle that is a complete turn, with the accuracy of the angles in a video, in degrees
+const COMPLETE_TURN_DEG: f64 = 340.0;
+
+/// Returns what is unusual about the video that the photos were taken from
+fn video_warnings(video: &VideoFacts) -> Vec<ScanWarning> {
+    let part = ScanWarning::PartOfTurn {
+        turned_deg: video.turned_deg,
+    };
+    let missing = ScanWarning::DirectionsMissing {
+        count: video.missing_count,
+    };
+    let all = [
+        (video.turned_deg < COMPLETE_TURN_DEG).then_some(part),
+        (video.missing_count > 0).then_some(missing),
+        video.hdr.then_some(ScanWarning::HdrConverted),
+    ];
+    all.into_iter().flatten().collect()
 }
 
 fn check_link(source: &Source, name: &str) -> Result<(), ScanError> {

@@ -195,6 +195,17 @@ pub enum ScanWarning {
          photos without anyone else, since colors and outlines of both may be confused"
     )]
     SecondPerson { count: usize, first: String },
+    #[error(
+        "the video shows a turn by {turned_deg:.0} degrees only: what is seen from one side only is less accurate; turn once \
+         completely"
+    )]
+    PartOfTurn { turned_deg: f64 },
+    #[error("{count} directions have no usable frame: the person was not found in the video there")]
+    DirectionsMissing { count: usize },
+    #[error(
+        "the colors of the video have a high dynamic range, and were converted to the usual one"
+    )]
+    HdrConverted,
 }
 
 impl ScanWarning {
@@ -224,6 +235,9 @@ impl ScanWarning {
             ScanWarning::KeypointFileUnclear { .. } => "keypoint_file_unclear",
             ScanWarning::JsonFilesUnused { .. } => "json_files_unused",
             ScanWarning::SecondPerson { .. } => "second_person",
+            ScanWarning::PartOfTurn { .. } => "part_of_turn",
+            ScanWarning::DirectionsMissing { .. } => "directions_missing",
+            ScanWarning::HdrConverted => "hdr_converted",
         }
     }
 }

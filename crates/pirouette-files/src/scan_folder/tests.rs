@@ -504,6 +504,7 @@ fn a_written_scan_reads_back_unchanged() {
         input_size_px: (40, 50),
         turn: TurnAngle::from_degrees(30.0),
         turn_sd_radians: 12.0_f64.to_radians(),
+        time_s: Some(4.2),
         keypoints,
         keypoints_from: KeypointSource::Given,
         keypoint_kind: KeypointKind::default(),
@@ -542,6 +543,7 @@ fn a_written_scan_reads_back_unchanged() {
     assert_eq!(read.camera.height_mm, None);
     let (before, after) = (&scan.views[0], &read.views[0]);
     assert_eq!(after.keypoints, before.keypoints);
+    assert_eq!(after.time_s, Some(4.2));
     assert_eq!(after.mask, before.mask);
     assert_eq!(after.name, before.name);
     assert!((after.turn.degrees() - 30.0).abs() < 1e-9);
@@ -566,6 +568,7 @@ fn keypoints_of_a_shrunk_photo_are_those_of_the_input() {
         input_size_px: (80, 150),
         turn: TurnAngle::default(),
         turn_sd_radians: f64::INFINITY,
+        time_s: None,
         keypoints,
         keypoints_from: KeypointSource::BlazePose,
         keypoint_kind: KeypointKind::MediaPipe,

@@ -167,6 +167,9 @@ fn manifest_of(scan: &Scan) -> serde_json::Value {
             "image": format!("{name}.jpg"),
             "angle_deg": view.turn_is_stated().then(|| view.turn.degrees()),
         });
+        if let Some(time_s) = view.time_s {
+            entry["time_s"] = json!(time_s);
+        }
         if let Some(file) = keypoint_file_name(view) {
             entry["keypoints"] = json!(file);
         }

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use pirouette::pipeline::CancelToken;
-use pirouette::video::{ExtractError, ExtractOptions, Extracted, ExtractedView, extract_views};
+use pirouette::video::{
+    ExtractError, ExtractOptions, Extracted, ExtractedView, TurnTrack, extract_views,
+};
 use pirouette_geom::parallel::prelude::*;
 use pirouette_pose::PoseModel;
 use serde_json::{Map, Value, json};
@@ -14,7 +16,7 @@ use thiserror::Error;
 
 use super::{FfmpegVideo, VideoError};
 use crate::formats::json::to_strict;
-use crate::formats::manifest;
+use crate::formats::manifest::{self, VideoFacts};
 use crate::formats::photo::encode_jpeg;
 use crate::source::{Source, SourceError, read_bounded_file};
 
@@ -97,8 +99,6 @@ pub struct VideoScan {
     pub source: Source,
     /// What was found in the video, without the pictures
     pub extracted: Extracted,
-    /// Whether colors of high dynamic range were converted
-    pub hdr: bool,
 }
 
 /// Why a video gives no scan
@@ -165,18 +165,21 @@ pub fn scan_of_video(
         },
     })?;
     let views = std::mem::take(&mut extracted.views);
-    let source = make_source(file, manifest, &views)?;
-    Ok(VideoScan {
-        source,
-        extracted,
+    let facts = VideoFacts {
+        turned_deg: round(extracted.choice.turned_radians.to_degrees(), 10.0),
+        missing_count: extracted.choice.missing,
         hdr: video.is_hdr(),
-    })
+        turn: turn_over_time(&extracted.track),
+    };
+    let source = make_source(file, manifest, &facts, &views)?;
+    Ok(VideoScan { source, extracted })
 }
 
 /// Encodes the frames and the manifest as files in memory
 fn make_source(
     file: &VideoFile,
     mut manifest: Map<String, Value>,
+    facts: &VideoFacts,
     views: &[ExtractedView],
 ) -> Result<Source, VideoScanError> {
     let name = |view: &ExtractedView| format!("{:07.3}s.jpg", view.time_s);
@@ -186,10 +189,12 @@ fn make_source(
             json!({
                 "image": name(view),
                 "angle_deg": round(view.turn.degrees(), 10.0),
+                "time_s": round(view.time_s, 1000.0),
             })
         })
         .collect();
     manifest.insert("views".to_owned(), Value::Array(entries));
+    manifest.insert("video".to_owned(), json!(facts));
     manifest
         .entry("angle_sd_deg")
         .or_insert_with(|| json!(ANGLE_SD_DEG));
@@ -208,6 +213,21 @@ fn make_source(
         path: file.video.clone(),
         source,
     })
+}
+
+/// Returns the turn over time, in s and degrees, by at most a few hundred points
+fn turn_over_time(track: &TurnTrack) -> Vec<(f64, f64)> {
+    const POINTS: usize = 300;
+    let step = track.samples.len().div_ceil(POINTS).max(1);
+    let samples = track.samples.iter().step_by(step);
+    samples
+        .map(|s| {
+            (
+                round(s.time_s, 100.0),
+                round(s.angle_radians.to_degrees(), 10.0),
+            )
+        })
+        .collect()
 }
 
 fn round(value: f64, per_unit: f64) -> f64 {
