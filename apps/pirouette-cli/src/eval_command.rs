@@ -11,6 +11,7 @@ use pirouette_eval::folders::{
 };
 use pirouette_eval::published::{self, Effort};
 use pirouette_eval::tapes::{self, TapesOptions};
+use pirouette_eval::videos::{self, VideosOptions};
 use pirouette_eval::{Step, StudyError};
 use pirouette_files::formats::charts::built_in_charts;
 use pirouette_files::formats::mesh::MeshFormat;
@@ -21,8 +22,9 @@ use serde_json::{Value, json};
 
 use crate::args::{
     EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs,
-    EvalPublishedArgs, EvalScansArgs, EvalTable, EvalTapesArgs,
+    EvalPublishedArgs, EvalScansArgs, EvalTable, EvalTapesArgs, EvalVideosArgs,
 };
+use crate::models_command::pose_model;
 use crate::output::Output;
 use crate::progress::Progress;
 use crate::scan_command::{config, scan_folder};
@@ -37,6 +39,7 @@ pub fn run(args: &EvalArgs, output: Output, quiet: bool, cancel: &CancelToken) -
         Some(EvalTable::Faults(args)) => eval_faults(args, &progress, cancel),
         Some(EvalTable::Ablation(args)) => eval_ablation(args, &progress, cancel),
         Some(EvalTable::Angles(args)) => eval_angles(args, &progress, cancel),
+        Some(EvalTable::Videos(args)) => eval_videos(args, &progress, cancel),
         Some(EvalTable::Scans(args)) => eval_scans(args, &progress, cancel),
         Some(EvalTable::Photos(args)) => eval_photos(args, &progress, cancel),
     };
@@ -238,6 +241,34 @@ fn eval_angles(
         "people": study.people,
     });
     Ok((text.join("\n\n"), value))
+}
+
+fn eval_videos(
+    args: &EvalVideosArgs,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<(String, Value)> {
+    let Some(model) = pose_model(args.pose_model.as_deref())? else {
+        bail!("the turn in a video is found by the pose detector: run 'pirouette models install'");
+    };
+    make_folder(&args.videos)?;
+    let options = VideosOptions {
+        people: args.people,
+        views: usize::from(args.views),
+        folder: args.videos.clone(),
+    };
+    let study = videos::study(&options, &model, cancel, &mut |step| show(progress, &step))?;
+    if let Some(folder) = &args.out {
+        make_folder(folder)?;
+        write_atomic(&folder.join("videos.md"), study.page.as_bytes())?;
+    }
+    let value = json!({
+        "ok": true,
+        "table": "videos",
+        "tables": [study.table.to_json()],
+        "videos": study.videos,
+    });
+    Ok((study.table.to_string(), value))
 }
 
 fn eval_scans(

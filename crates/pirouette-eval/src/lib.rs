@@ -16,6 +16,7 @@ pub mod score;
 pub mod table;
 pub mod tapes;
 mod trial;
+pub mod videos;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};

@@ -65,6 +65,9 @@ pub enum EvalTable {
     /// Scan random people at unknown turn angles: errors of the angles found; writes docs/angles.md with `-o docs`
     #[command(after_help = EVAL_ANGLES_HELP)]
     Angles(EvalAnglesArgs),
+    /// Film random people and scan the videos: errors of angles and girths; writes docs/videos.md with `-o docs`
+    #[command(after_help = EVAL_VIDEOS_HELP)]
+    Videos(EvalVideosArgs),
     /// Scan folders that contain a `truth` folder, and score the results
     #[command(after_help = EVAL_SCANS_HELP)]
     Scans(EvalScansArgs),
@@ -175,6 +178,30 @@ pub struct EvalAnglesArgs {
     pub out: Option<PathBuf>,
 }
 
+/// Arguments of `eval videos`
+#[derive(Debug, Args)]
+pub struct EvalVideosArgs {
+    /// Number of people, in four videos each
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    pub people: usize,
+
+    /// Views taken from each video
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(4..=72))]
+    pub views: u16,
+
+    /// Folder of the videos and their manifests
+    #[arg(long, value_name = "DIR", default_value = "eval-videos")]
+    pub videos: PathBuf,
+
+    /// Network of the pose detector [default: the installed one]
+    #[arg(long, value_name = "FILE")]
+    pub pose_model: Option<PathBuf>,
+
+    /// Folder for videos.md; if omitted, the table is only printed
+    #[arg(short, long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
 /// Arguments of `eval scans`
 #[derive(Debug, Args)]
 pub struct EvalScansArgs {
@@ -264,6 +291,14 @@ with unknown and with known angles. `--json` lists every person.
 Examples:
   pirouette eval angles --people 2
   pirouette eval angles -o docs";
+
+pub const EVAL_VIDEOS_HELP: &str = "\
+Turns at an even and at a changing speed, clockwise, with a pause, and by one turn and a half. Requires the program ffmpeg
+and the pose detector; a video takes about two minutes.
+
+Examples:
+  pirouette eval videos --people 1
+  pirouette eval videos -o docs";
 
 pub const EVAL_SCANS_HELP: &str = "\
 Ground truth: truth/<photo>_mask.png, and optionally truth/<photo>_canonical.png (the person standing still in the

@@ -18,7 +18,7 @@ pub use check::CheckArgs;
 pub use demo::DemoArgs;
 pub use eval::{
     EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs,
-    EvalPublishedArgs, EvalScansArgs, EvalTable, EvalTapesArgs,
+    EvalPublishedArgs, EvalScansArgs, EvalTable, EvalTapesArgs, EvalVideosArgs,
 };
 pub use keypoints::KeypointsArgs;
 pub use models::{ModelsAction, ModelsArgs};

@@ -1,7 +1,7 @@
 //! A video of a person who turns on the spot: the turn is found, and sharp frames spread evenly over it become views.
 //!
 //! A [`FrameSource`] decodes the video as often as needed, and passes frames one by one, so that memory does not grow
-//! with the length. [`survey`] looks at all frames, shrunk: sharpness, brightness, and the keypoints of some of them.
+//! with the length. [`survey()`] looks at all frames, shrunk: sharpness, brightness, and the keypoints of some of them.
 //! [`TurnTrack`] is the turn angle over time, by these keypoints. [`choose_frames`] selects the frames. [`extract_views`]
 //! does all of it.
 
