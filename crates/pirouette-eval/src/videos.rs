@@ -129,17 +129,12 @@ pub fn study(
     let total = people.len() * COURSES.len();
     let mut found = Vec::new();
     for person in &people {
-        for course in 0..COURSES.len() {
+        for (course, (name, _)) in COURSES.iter().enumerate() {
             if cancel.cancelled() {
                 return Err(StudyError::Cancelled);
             }
             let result = scan_video(person, course, options, model, cancel);
-            let text = format!(
-                "{}, {}: {}",
-                result.person,
-                COURSES[course].0,
-                describe(&result)
-            );
+            let text = format!("{}, {name}: {}", result.person, describe(&result));
             found.push(result);
             on_step(Step {
                 done: found.len(),
