@@ -51,7 +51,9 @@ pub fn run(
     let video = VideoOptions {
         views: args.views.into(),
     };
-    let source = open_scan(&args.scan, pose_model.as_ref(), &video, &progress, cancel)?;
+    // The result of an earlier scan is not that of this one, even if this one fails.
+    let source = open_scan(&args.scan, pose_model.as_ref(), &video, &progress, cancel)
+        .inspect_err(|_| remove_results(&args.out))?;
     let title = source.title();
     let options = ResultOptions {
         formats: &formats,
@@ -66,7 +68,6 @@ pub fn run(
         angles_unknown: args.angles == Some(Angles::Unknown),
     };
     let job = || scan_source(source, &config, &job_options, &progress, cancel);
-    // The result of an earlier scan is not that of this one, even if this one fails.
     let done = job().inspect_err(|_| remove_results(&args.out));
     let done = done.and_then(|done| Ok(done.write(&args.out, &options).map(|()| done)?));
     progress.finish();

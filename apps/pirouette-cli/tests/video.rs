@@ -129,6 +129,9 @@ fn files_that_show_no_turn_are_errors_that_name_them() {
         assert!(error.contains("anna"), "{error}");
         assert!(!out.join("result.json").exists());
     };
+    // The result of an earlier scan does not survive one that fails.
+    std::fs::create_dir(&out).unwrap();
+    std::fs::write(out.join("result.json"), r#"{ "files": [ "result.json" ] }"#).unwrap();
     let quarter = TurnCourse {
         turned_radians: TAU / 4.0,
         turn_s: 2.0,

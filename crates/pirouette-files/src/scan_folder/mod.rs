@@ -26,6 +26,7 @@ use keypoint_files::{AssignedFiles, check_common_links, paths_in_scan};
 use pirouette::scan::{
     CameraSetup, KeypointSource, Photo, STATED_TURN_SD_DEGREES, Scan, StatureFrom, View,
 };
+use pirouette::video::COMPLETE_TURN_DEGREES;
 use pirouette_body::TurnAngle;
 use view::{LoadedView, load_view, read_file};
 pub(crate) use view::{MAX_PHOTO_BYTES, keypoints_in_input};
@@ -342,9 +343,6 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
     })
 }
 
-/// Angle that is a complete turn, with the accuracy of the angles in a video, in degrees
-const COMPLETE_TURN_DEG: f64 = 340.0;
-
 /// Returns what is unusual about the video that the photos were taken from
 fn video_warnings(video: &VideoFacts) -> Vec<ScanWarning> {
     let part = ScanWarning::PartOfTurn {
@@ -354,7 +352,7 @@ fn video_warnings(video: &VideoFacts) -> Vec<ScanWarning> {
         count: video.missing_count,
     };
     let all = [
-        (video.turned_deg < COMPLETE_TURN_DEG).then_some(part),
+        (video.turned_deg < COMPLETE_TURN_DEGREES).then_some(part),
         (video.missing_count > 0).then_some(missing),
         video.hdr.then_some(ScanWarning::HdrConverted),
     ];

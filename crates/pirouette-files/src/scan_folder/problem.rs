@@ -34,7 +34,7 @@ pub enum ScanError {
     #[error("{} points outside the scan folder; copy the file into it", path.display())]
     LinkLeaves { path: PathBuf },
     #[error(
-        "no photos in {}; they end in .jpg, .jpeg, .png or .webp", folder.display()
+        "no photos in {}; they end in .jpg, .jpeg, .png or .webp; of several videos, give the path of one", folder.display()
     )]
     NoPhotos { folder: PathBuf },
     #[error(

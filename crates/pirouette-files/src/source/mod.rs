@@ -51,7 +51,7 @@ struct Memory {
 #[allow(missing_docs, reason = "the messages document the variants")]
 pub enum SourceError {
     #[error(
-        "neither a folder nor a zip file; a scan is a folder of photos with keypoint files, or a zip file of one"
+        "neither a folder nor a zip file nor a video; a scan is a folder of photos, a zip file of one, or a video"
     )]
     Neither,
     #[error("cannot be read: {0}")]

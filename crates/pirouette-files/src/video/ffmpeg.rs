@@ -230,6 +230,10 @@ fn pass_frames(
         let Ok(time_s) = times.recv() else {
             break;
         };
+        if time_s.is_nan() {
+            let reason = "they have no time stamps; convert the video to MP4";
+            return Err(io::Error::new(io::ErrorKind::InvalidData, reason));
+        }
         let index = match indices {
             Some(indices) => match indices.get(count) {
                 Some(&index) => index,
@@ -275,14 +279,19 @@ fn listen(messages: impl Read, times: &Sender<f64>) -> String {
     others.join("\n")
 }
 
-/// Returns the time of a frame, in s, that a line of `showinfo` reports
+/// Returns the time of a frame, in s, that a line of `showinfo` reports; NaN if the frame has none
 fn time_of(line: &str) -> Option<f64> {
     if !line.contains("Parsed_showinfo") {
         return None;
     }
     let (_, after) = line.split_once("pts_time:")?;
     let text = after.split_whitespace().next()?;
-    text.parse().ok().filter(|time: &f64| time.is_finite())
+    let time_s: Option<f64> = text.parse().ok();
+    Some(
+        time_s
+            .filter(|time_s| time_s.is_finite())
+            .unwrap_or(f64::NAN),
+    )
 }
 
 /// Returns the input as an argument: names may contain colons or start with a dash
@@ -316,7 +325,8 @@ mod tests {
     fn times_are_read_from_messages_of_the_filter() {
         let line = "[Parsed_showinfo_3 @ 0x55] n:   2 pts:   1024 pts_time:0.0666667 duration: 512";
         assert_eq!(time_of(line), Some(0.0666667));
-        assert_eq!(time_of("[Parsed_showinfo_3 @ 0x55] pts_time:NOPTS"), None);
+        let without = time_of("[Parsed_showinfo_3 @ 0x55] n:   2 pts: NOPTS pts_time:NOPTS");
+        assert!(without.is_some_and(f64::is_nan));
         assert_eq!(time_of("[mov] pts_time:3.0"), None);
         let messages = format!("{}\nbroken\n{line}\n", line.replace("0.0666667", "2.5"));
         let (send, receive) = channel();

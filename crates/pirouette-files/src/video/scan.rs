@@ -133,7 +133,7 @@ pub enum VideoScanError {
 /// `on_share` gets the share of the video that is done, from 0 to 1, where its duration is known.
 ///
 /// # Errors
-/// When the video cannot be decoded, shows nobody who turns, or its manifest cannot be used.
+/// When the video cannot be decoded, shows no person who turns, or its manifest cannot be used.
 pub fn scan_of_video(
     file: &VideoFile,
     model: &PoseModel,

@@ -2,7 +2,7 @@
 //!
 //! Each view starts at the best of many turns all around. Then angles, poses, skeleton and camera are solved together;
 //! the angle of each view follows its pose, so that no prior holds it. Left and right are those of the detector unless
-//! the opposite explains the keypoints clearly better; a face that is seen tells front from back.
+//! the opposite explains the keypoints clearly better; a visible face distinguishes front and back.
 
 use pirouette_geom::parallel::prelude::*;
 

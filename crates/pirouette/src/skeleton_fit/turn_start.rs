@@ -121,7 +121,7 @@ fn turn_of(avatar: &Avatar, view: &Scaled, factors: [f64; 2]) -> Option<TurnAngl
 
 /// Returns for each view whether the face certainly is seen or certainly is not; `None` where that is unknown
 ///
-/// MediaPipe finds a face in every photo, and detectors without confidences do not tell.
+/// MediaPipe finds a face in every photo, and detectors without confidences do not distinguish these.
 pub(super) fn faces_seen(views: &[KeypointView]) -> Vec<Option<bool>> {
     const FACE: [Joint; 3] = [Joint::Nose, Joint::LeftEye, Joint::RightEye];
     let count = |view: &KeypointView, least: f64| {

@@ -61,8 +61,8 @@ pub enum ChoiceError {
 /// Angle that a person must turn by
 const MIN_TURN: f64 = 150.0 * TAU / 360.0;
 
-/// Angle that is a complete turn, with the accuracy of the track
-const COMPLETE_TURN: f64 = 340.0 * TAU / 360.0;
+/// Angle that is a complete turn, with the accuracy of the track, in degrees
+pub const COMPLETE_TURN_DEGREES: f64 = 340.0;
 
 /// Distance of a frame from the intended angle, relative to the distance of views
 const MAX_OFFSET: f64 = 0.25;
@@ -93,7 +93,7 @@ pub fn choose_frames(
         return Err(ChoiceError::TooLittle { degrees });
     }
     let step = TAU / options.views.max(3) as f64;
-    let targets: Vec<f64> = if turned_radians >= COMPLETE_TURN {
+    let targets: Vec<f64> = if turned_radians.to_degrees() >= COMPLETE_TURN_DEGREES {
         (0..options.views.max(3)).map(|k| k as f64 * step).collect()
     } else {
         let first = (low / step).ceil() as i64;

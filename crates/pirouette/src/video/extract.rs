@@ -61,13 +61,13 @@ pub enum ExtractError<E> {
     Cancelled,
 }
 
-/// Largest side of extracted frames, in px
-const MAX_SIDE_PX: usize = 4096;
+/// Largest side of extracted frames, in px: sixteen of them take 100 MB
+const MAX_SIDE_PX: usize = 1920;
 
 /// Finds the turn in a video, and extracts sharp frames spread evenly over it
 ///
 /// The video is decoded twice: once to look at all frames, once for the chosen ones. `on_time` is called with the time of
-/// each frame, in s; the work is cancelled where it breaks.
+/// each decoded frame, in s; the work is cancelled where it breaks.
 ///
 /// # Errors
 /// When the video cannot be decoded, shows no person who turns, or the work is cancelled.
@@ -103,8 +103,13 @@ pub fn extract_views<S: FrameSource>(
                 photo: frame.photo,
             });
         }
-        ControlFlow::Continue(())
+        let flow = on_time(frame.time_s);
+        cancelled |= flow.is_break();
+        flow
     });
+    if cancelled {
+        return Err(ExtractError::Cancelled);
+    }
     decoded.map_err(ExtractError::Decode)?;
     Ok(Extracted {
         views,

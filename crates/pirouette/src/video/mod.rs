@@ -14,7 +14,9 @@ use std::ops::ControlFlow;
 
 use crate::scan::Photo;
 
-pub use choice::{Choice, ChoiceError, ChoiceOptions, ChosenFrame, choose_frames};
+pub use choice::{
+    COMPLETE_TURN_DEGREES, Choice, ChoiceError, ChoiceOptions, ChosenFrame, choose_frames,
+};
 pub use extract::{ExtractError, ExtractOptions, Extracted, ExtractedView, extract_views};
 pub use survey::{FrameFacts, Survey, SurveyOptions, survey};
 pub use turn_track::{TrackError, TurnSample, TurnTrack};

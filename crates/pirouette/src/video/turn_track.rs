@@ -66,7 +66,7 @@ pub enum TrackError {
     },
 }
 
-/// What the keypoints of one frame tell about the turn
+/// Distances between keypoints of one frame that depend on the turn
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     time_s: f64,
@@ -82,15 +82,22 @@ struct Seen {
 impl TurnTrack {
     /// Finds the turn angles by the keypoints of frames at increasing times, in s; `None` where no person is found
     ///
+    /// Frames whose time does not increase are left out.
+    ///
     /// # Errors
     /// When no person is found, or one is found in too few frames at one place.
     pub fn find<'a>(
         frames: impl Iterator<Item = (f64, Option<&'a Keypoints>)>,
     ) -> Result<Self, TrackError> {
         let mut searched = 0;
+        let mut last_s = f64::NEG_INFINITY;
         let seen: Vec<Seen> = frames
             .filter_map(|(time_s, keypoints)| {
                 searched += 1;
+                if !(time_s.is_finite() && time_s > last_s) {
+                    return None;
+                }
+                last_s = time_s;
                 see(time_s, keypoints?)
             })
             .collect();
@@ -196,7 +203,7 @@ impl Extent {
     }
 }
 
-/// Returns what the keypoints of a frame tell about the turn; `None` without trunk or feet
+/// Measures a frame; `None` without keypoints of trunk or feet
 fn see(time_s: f64, keypoints: &Keypoints) -> Option<Seen> {
     let found = |joint: Joint| Some(keypoints.found(joint)?.position);
     let across = |left: Joint, right: Joint| Some(found(left)?.x - found(right)?.x);
@@ -425,6 +432,22 @@ mod tests {
         assert_eq!(found.samples[0].time_s, 3.0);
         assert_eq!(found.angle_at(2.0), None);
         assert!((found.angle_at(5.05).unwrap() - 5.05 * TAU / 10.0).abs() < 0.1);
+    }
+
+    #[test]
+    fn frames_whose_time_goes_back_are_left_out() {
+        let times: Vec<f64> = (0..100).map(|i| f64::from(i) / 10.0).collect();
+        let keypoints: Vec<Keypoints> = times
+            .iter()
+            .map(|t| turned(t * TAU / 10.0, 200.0))
+            .collect();
+        let frame = |i: usize, time_s: f64| (time_s, Some(&keypoints[i]));
+        let in_order = (0..100).map(|i| frame(i, times[i]));
+        let expected = TurnTrack::find(in_order.clone()).unwrap();
+        let damaged = in_order.flat_map(|(time_s, keypoints)| {
+            [time_s, time_s - 3.0, f64::NAN].map(|time_s| (time_s, keypoints))
+        });
+        assert_eq!(TurnTrack::find(damaged).unwrap(), expected);
     }
 
     #[test]
