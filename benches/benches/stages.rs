@@ -36,10 +36,10 @@ fn photos_to_silhouettes(c: &mut Criterion) {
         ..options
     };
     c.bench_function("segment one view", |b| {
-        b.iter(|| segment(&views[..1], &single, &|| false));
+        b.iter(|| segment(&views[..1], None, &single, &|| false));
     });
     c.bench_function("segment all views together", |b| {
-        b.iter(|| segment(&views, &options, &|| false));
+        b.iter(|| segment(&views, None, &options, &|| false));
     });
 }
 
@@ -116,6 +116,7 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
             camera: view.camera,
             turn: view.turn,
             stepped: false,
+            time_s: None,
             pose: view.pose,
             stature_mm,
         })

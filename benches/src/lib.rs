@@ -122,7 +122,7 @@ impl Stages {
         let priors = render_priors(&skeleton.avatar, &views, &|| ());
         let silhouettes: Vec<Silhouette> = {
             let views = segment_views(&synthetic, &priors);
-            segment(&views, &SegmentOptions::default(), &|| false)
+            segment(&views, None, &SegmentOptions::default(), &|| false)
                 .into_iter()
                 .map(|found| found.expect("the rendered person is found"))
                 .collect()

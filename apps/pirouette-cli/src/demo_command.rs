@@ -171,6 +171,7 @@ fn film(
         clutter: Clutter::LivedIn,
         frames_per_s: FRAMES_PER_S,
         turn: TurnCourse {
+            enter_s: 1.5,
             start_radians: 0.0,
             turned_radians: std::f64::consts::TAU,
             turn_s: 12.0,

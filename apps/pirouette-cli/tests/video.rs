@@ -11,9 +11,12 @@ use std::process::Command;
 
 use common::{Folders, network, pirouette, text};
 use pirouette::measure::{Measure, measure_avatar};
+use pirouette::pipeline::CancelToken;
+use pirouette::pose::PoseModel;
 use pirouette_body::Avatar;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
-use pirouette_files::video::VideoWriter;
+use pirouette_files::scan_folder::{LoadOptions, WithoutKeypoints, load_source};
+use pirouette_files::video::{VideoFile, VideoOptions as ScanOptions, VideoWriter, scan_of_video};
 use pirouette_synthetic::video::{TurnCourse, VideoOptions, render_video};
 use pirouette_synthetic::{Clutter, SyntheticOptions};
 
@@ -32,6 +35,7 @@ fn ready(test: &str) -> Option<[String; 2]> {
 
 fn course() -> TurnCourse {
     TurnCourse {
+        enter_s: 0.0,
         start_radians: 0.4,
         turned_radians: -TAU,
         turn_s: 5.0,
@@ -112,6 +116,50 @@ fn a_video_of_a_turn_is_measured() {
             measure.name()
         );
     }
+}
+
+#[test]
+fn a_person_who_comes_in_leaves_a_picture_of_the_room() {
+    let Some([_, model]) = ready("a_person_who_comes_in_leaves_a_picture_of_the_room") else {
+        return;
+    };
+    let folders = Folders::empty();
+    let file = folders.path("anna.mp4");
+    let coming = TurnCourse {
+        enter_s: 1.2,
+        ..course()
+    };
+    film(&file, coming);
+    let model = PoseModel::parse(&std::fs::read(model).unwrap()).unwrap();
+    let video = VideoFile::find(&file).unwrap();
+    let (options, cancel) = (ScanOptions { views: 8 }, CancelToken::default());
+    let found = scan_of_video(&video, &model, &options, &cancel, &mut |_| {}).unwrap();
+    let load = LoadOptions {
+        without_keypoints: WithoutKeypoints::Loaded,
+        ..LoadOptions::default()
+    };
+    let scan = load_source(found.source, &load).unwrap().scan;
+    let room = scan.background.unwrap();
+    let known = room.known.area() as f64 / room.known.as_slice().len() as f64;
+    assert!(known > 0.95, "{known}");
+    // Beside the person, each view shows the same; where the person stands, none does.
+    let photo = &scan.views[0].photo;
+    let off = |x: usize, y: usize| -> f64 {
+        let (a, b) = (photo[(x, y)], room.photo[(x, y)]);
+        (0..3).map(|c| f64::from(a[c].abs_diff(b[c]))).sum::<f64>() / 3.0
+    };
+    let (width, height) = (photo.width(), photo.height());
+    let mean = |columns: std::ops::Range<usize>, rows: std::ops::Range<usize>| {
+        let count = columns.len() * rows.len();
+        let pixels = columns.flat_map(|x| rows.clone().map(move |y| (x, y)));
+        pixels.map(|(x, y)| off(x, y)).sum::<f64>() / count as f64
+    };
+    let beside = mean(0..width / 8, 0..height);
+    let trunk = mean(
+        width * 45 / 100..width * 55 / 100,
+        height * 30 / 100..height * 50 / 100,
+    );
+    assert!(beside < 4.0 && trunk > 4.0 * beside, "{beside} {trunk}");
 }
 
 #[test]

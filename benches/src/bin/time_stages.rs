@@ -83,7 +83,7 @@ fn time(stages: &Stages, folder: &Path) -> Result<Map<String, Value>, Failure> {
             },
         ),
     ] {
-        let (ms, found) = best_ms(2, || segment(&photos, &options, &|| false));
+        let (ms, found) = best_ms(2, || segment(&photos, None, &options, &|| false));
         let found: Vec<Silhouette> = found.into_iter().collect::<Result<_, _>>()?;
         times.insert(name.into(), json!(ms));
         let truth = &stages.synthetic.truth.silhouettes;

@@ -55,6 +55,7 @@ const COURSES: [(&str, TurnCourse); 4] = [
     (
         "one turn at an even speed",
         TurnCourse {
+            enter_s: 0.0,
             start_radians: 0.0,
             turned_radians: TAU,
             turn_s: 14.0,
@@ -66,6 +67,7 @@ const COURSES: [(&str, TurnCourse); 4] = [
     (
         "clockwise, at a changing speed",
         TurnCourse {
+            enter_s: 0.0,
             start_radians: 0.3,
             turned_radians: -TAU,
             turn_s: 12.0,
@@ -75,8 +77,9 @@ const COURSES: [(&str, TurnCourse); 4] = [
         },
     ),
     (
-        "with a pause of 3 s",
+        "comes in, with a pause of 3 s",
         TurnCourse {
+            enter_s: 2.0,
             start_radians: 0.0,
             turned_radians: TAU,
             turn_s: 10.0,
@@ -88,6 +91,7 @@ const COURSES: [(&str, TurnCourse); 4] = [
     (
         "one turn and a half, fast",
         TurnCourse {
+            enter_s: 0.0,
             start_radians: -0.5,
             turned_radians: 1.5 * TAU,
             turn_s: 10.0,

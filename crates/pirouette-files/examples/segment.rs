@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         mask: view.mask.as_ref(),
     });
     let views: Vec<SegmentView> = views.collect();
-    let found = segment(&views, &SegmentOptions::default(), &|| false);
+    let found = segment(&views, None, &SegmentOptions::default(), &|| false);
     std::fs::create_dir_all(out)?;
     for (view, silhouette) in loaded.scan.views.iter().zip(found) {
         match silhouette {

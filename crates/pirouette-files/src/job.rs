@@ -76,8 +76,8 @@ pub enum JobError {
     #[error("camera.mm_per_px: {0}")]
     PixelSize(#[source] ScaleError),
     /// The photo of the room without the person cannot be used
-    #[error("the photo of the background: {0}")]
-    Background(#[source] ViewError),
+    #[error("the photo of the room without the person: {0}")]
+    Background(String),
     /// There are no keypoints, and they cannot be estimated
     #[error(
         "there are no keypoints, and they cannot be estimated: {0}; \
@@ -225,9 +225,7 @@ fn prepare(
         (KeypointChoice::Best | KeypointChoice::Files(_), Some(model)) => {
             detect(&mut loaded, model, cancel, on_event)?
         }
-        (KeypointChoice::Estimate, _) | (_, None) => {
-            estimate(&mut loaded, &load_options, cancel, on_event)?
-        }
+        (KeypointChoice::Estimate, _) | (_, None) => estimate(&mut loaded, cancel, on_event)?,
     };
     if goal > Goal::Segment {
         reject_unknown_angles(&mut loaded);
@@ -336,7 +334,6 @@ pub(crate) fn detect(
 /// Estimates the keypoints of all views if none has any; returns the duration, in seconds
 fn estimate(
     loaded: &mut LoadedScan,
-    options: &LoadOptions,
     cancel: &CancelToken,
     on_event: &mut (dyn FnMut(JobEvent) + Send),
 ) -> Result<Option<f64>, JobError> {
@@ -352,8 +349,19 @@ fn estimate(
     if !loaded.scan.views.iter().all(View::turn_is_stated) {
         return Err(JobError::AnglesUnknown);
     }
-    let background = loaded.background(options).map_err(JobError::Background)?;
-    let estimated = estimate_keypoints(&loaded.scan, background.as_ref(), &|| cancel.cancelled());
+    // Without a detector, the photo of the room decides: it must be usable if it is given.
+    let unusable = loaded.warnings.iter().find_map(|warning| match warning {
+        ScanWarning::BackgroundUnusable { reason } => Some(reason.clone()),
+        _ => None,
+    });
+    if let Some(reason) = unusable {
+        return Err(JobError::Background(reason));
+    }
+    let background = loaded.scan.background.as_ref();
+    let background =
+        background.filter(|background| background.known.as_slice().iter().all(|known| *known));
+    let background = background.map(|background| &background.photo);
+    let estimated = estimate_keypoints(&loaded.scan, background, &|| cancel.cancelled());
     let estimated = estimated.map_err(JobError::Estimate)?;
     if cancel.cancelled() {
         return Err(PipelineError::Cancelled.into());

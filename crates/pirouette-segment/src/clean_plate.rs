@@ -45,6 +45,10 @@ const UNKNOWN_SPREAD: f32 = 1.6;
 /// Standard deviation of a Gaussian, relative to its median absolute deviation
 const SIGMA_PER_MAD: f32 = 1.4826;
 
+/// Every so many pixels, a picture of the background is compared with the views, at this many pixels at least
+const COMPARED_STEP: usize = 7;
+const MIN_COMPARED: usize = 200;
+
 /// Blur of the standard deviations, in px; the median of few views is noisy
 const SIGMA_BLUR_PX: f32 = 2.0;
 
@@ -120,6 +124,67 @@ impl CleanPlate {
             counts,
             noise_level: noise_level.unwrap_or(0) as f32 / 4.0,
         })
+    }
+
+    /// Fills in the pixels that no view sees from a picture of the background, if it agrees with the views elsewhere
+    ///
+    /// `known` is where the picture shows the background. Another exposure is compensated for; a picture from another place,
+    /// that differs by more than `max_deviation` levels from the views, is not used. Returns whether it was used.
+    pub fn complete(
+        &mut self,
+        (photo, known): BackgroundView,
+        max_deviation: f32,
+        options: &CleanPlateOptions,
+    ) -> bool {
+        if !(photo.same_size(&self.colors) && known.same_size(&self.colors)) {
+            return false;
+        }
+        let seen = self.colors.as_slice().iter().zip(self.counts.as_slice());
+        let pairs: Vec<([u8; 3], [u8; 3])> = seen
+            .zip(photo.as_slice().iter().zip(known.as_slice()))
+            .step_by(COMPARED_STEP)
+            .filter(|((_, count), (_, known))| **count > 0 && **known)
+            .map(|((seen, _), (given, _))| (*seen, *given))
+            .collect();
+        if pairs.len() < MIN_COMPARED {
+            return false;
+        }
+        let difference = |channel: usize, (seen, given): &([u8; 3], [u8; 3])| {
+            i32::from(seen[channel]) - i32::from(given[channel])
+        };
+        let shift: [i32; 3] = std::array::from_fn(|channel| {
+            let mut all: Vec<i32> = pairs.iter().map(|pair| difference(channel, pair)).collect();
+            let middle = all.len() / 2;
+            *all.select_nth_unstable(middle).1
+        });
+        let mut deviations: Vec<i32> = pairs
+            .iter()
+            .map(|pair| {
+                (0..3)
+                    .map(|c| (difference(c, pair) - shift[c]).abs())
+                    .sum::<i32>()
+            })
+            .collect();
+        let at = ((deviations.len() - 1) as f64 * NOISE_QUANTILE) as usize;
+        let deviation = *deviations.select_nth_unstable(at).1 as f32 / 3.0;
+        if deviation > max_deviation {
+            return false;
+        }
+        let own = self.colors.as_mut_slice().iter_mut();
+        let own = own
+            .zip(self.counts.as_mut_slice())
+            .zip(self.sigmas.as_mut_slice());
+        for (((color, count), sigma), (given, &known)) in
+            own.zip(photo.as_slice().iter().zip(known.as_slice()))
+        {
+            if *count == 0 && known {
+                *color =
+                    std::array::from_fn(|c| (i32::from(given[c]) + shift[c]).clamp(0, 255) as u8);
+                *count = 1;
+                *sigma = options.min_sigma * UNKNOWN_SPREAD;
+            }
+        }
+        true
     }
 
     /// Returns the 90 % quantile of the deviations between the views, in levels
@@ -230,7 +295,7 @@ fn sort_across<T: Ord + Copy>(rows: &mut [Vec<T>], network: &[[usize; 2]]) {
 }
 
 /// A photo, and where it definitely shows background
-type BackgroundView<'a> = (&'a Grid<[u8; 3]>, &'a Mask);
+pub type BackgroundView<'a> = (&'a Grid<[u8; 3]>, &'a Mask);
 
 /// Computes medians over the views, one row of the photos at a time; unseen values are sorted to the end
 struct RowSorter {
@@ -436,6 +501,34 @@ mod tests {
             sort_across(&mut rows, &sorting_network(count as usize));
             assert_eq!(rows, expected);
         }
+    }
+
+    #[test]
+    fn a_picture_of_the_room_completes_the_plate_in_its_exposure_unless_it_is_of_another_place() {
+        let room = Grid::from_fn(60, 40, |x, y| [60 + x as u8, 80 + y as u8, 90]);
+        let beside = Mask::from_fn(60, 40, |x, _| x.abs_diff(30) > 8);
+        let options = CleanPlateOptions::default();
+        let views = [(&room, &beside); 4];
+        let plate = CleanPlate::estimate(&views, &options).unwrap();
+        assert_eq!(plate.color(30, 20), None);
+        let brighter = room.map(|color| color.map(|level| level + 10));
+        let known = Mask::from_fn(60, 40, |_, y| y > 5);
+        let mut completed = plate.clone();
+        assert!(completed.complete((&brighter, &known), 12.0, &options));
+        assert_eq!(completed.color(30, 20), Some(room[(30, 20)]));
+        assert_eq!(completed.color(30, 3), None);
+        assert_eq!(completed.color(2, 20), Some(room[(2, 20)]));
+        let elsewhere = Grid::from_fn(60, 40, |x, y| [(4 * x) as u8, (200 - 4 * y) as u8, 30]);
+        let all = Mask::filled(60, 40, true);
+        let mut unchanged = plate.clone();
+        assert!(!unchanged.complete((&elsewhere, &all), 12.0, &options));
+        assert_eq!(unchanged.color(30, 20), None);
+        assert!(!unchanged.complete((&room, &Mask::filled(60, 40, false)), 12.0, &options));
+        assert!(!unchanged.complete(
+            (&Grid::filled(3, 3, [0; 3]), &Mask::filled(3, 3, true)),
+            12.0,
+            &options
+        ));
     }
 
     #[test]

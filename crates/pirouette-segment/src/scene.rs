@@ -8,7 +8,7 @@ use pirouette_geom::parallel::prelude::*;
 use pirouette_geom::{Grid, Mask};
 
 use crate::border::{clean_soft_mask, soft_border};
-use crate::clean_plate::{CleanPlate, CleanPlateOptions};
+use crate::clean_plate::{BackgroundView, CleanPlate, CleanPlateOptions};
 use crate::color_model::{ColorModel, ColorModelOptions};
 use crate::color_table::{ColorCells, ColorTable, ModelPair};
 use crate::grabcut::{GrabCutError, check_size};
@@ -97,13 +97,15 @@ const SHARED_SAMPLE_STEP: usize = 4;
 /// Segments all photos of one scene together
 ///
 /// Views may differ in size; there is one clean plate per photo size, from at least two views. A failed view does not
-/// affect the others.
+/// affect the others. `background` is a picture of the scene without the person, with the mask of where it is known; it
+/// completes the clean plate where the person hides the background in all views.
 ///
 /// # Source
 /// After C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut, with the background model of J. Sun, W. Zhang,
 /// X. Tang, H. Shum, 2006, Background cut: a Gaussian per pixel mixed with the global model.
 pub fn segment_scene(
     views: &[SceneView],
+    background: Option<BackgroundView>,
     options: &SceneOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> SceneResult {
@@ -114,7 +116,7 @@ pub fn segment_scene(
     let cells = ColorCells::new(views.par_iter().map(|view| (view.photo, view.seeds)));
     let last = options.passes.max(1) - 1;
     for pass in 0..last {
-        let pass = Pass::new(pass == 0, views, &states, &cells, options);
+        let pass = Pass::new(pass == 0, (views, background), &states, &cells, options);
         let next: Vec<Result<Mask, GrabCutError>> = states
             .par_iter()
             .enumerate()
@@ -128,7 +130,7 @@ pub fn segment_scene(
             }
         }
     }
-    let pass = Pass::new(last == 0, views, &states, &cells, options);
+    let pass = Pass::new(last == 0, (views, background), &states, &cells, options);
     let masks = states
         .into_par_iter()
         .enumerate()
@@ -161,13 +163,13 @@ impl<'a> Pass<'a> {
     /// Estimates clean plates and color models from the result of the previous pass
     fn new(
         first: bool,
-        views: &'a [SceneView],
+        (views, background): (&'a [SceneView], Option<BackgroundView>),
         states: &[Result<ViewState, GrabCutError>],
         cells: &'a ColorCells,
         options: &'a SceneOptions,
     ) -> Self {
         let margin = (!first).then_some(CLEAN_PLATE_MARGIN_PX);
-        let clean_plates = CleanPlates::estimate(views, states, options, margin);
+        let clean_plates = CleanPlates::estimate((views, background), states, options, margin);
         let models = Models::fit(
             views,
             states,
@@ -258,7 +260,7 @@ impl CleanPlates {
     /// `margin`: distance from the masks beyond which pixels are background, in px of a person of 800 px; `None`: as
     /// given by the seeds
     fn estimate(
-        views: &[SceneView],
+        (views, background): (&[SceneView], Option<BackgroundView>),
         states: &[Result<ViewState, GrabCutError>],
         options: &SceneOptions,
         margin: Option<f64>,
@@ -295,11 +297,15 @@ impl CleanPlates {
                 .zip(&backgrounds)
                 .map(|(&i, background)| (views[i].photo, background))
                 .collect();
-            let Some(clean_plate) = CleanPlate::estimate(&group_views, &clean_plate_options) else {
+            let Some(mut clean_plate) = CleanPlate::estimate(&group_views, &clean_plate_options)
+            else {
                 continue;
             };
             if clean_plate.noise_level() > options.max_noise_level {
                 continue;
+            }
+            if let Some(background) = background {
+                clean_plate.complete(background, options.max_noise_level, &clean_plate_options);
             }
             for &i in &group {
                 clean_plates.index[i] = Some(clean_plates.plates.len());
@@ -492,7 +498,7 @@ mod tests {
                 scale: 0.3,
             })
             .collect();
-        let result = segment_scene(&scene, options, &|| false);
+        let result = segment_scene(&scene, None, options, &|| false);
         let worst = result
             .masks
             .iter()
@@ -562,12 +568,12 @@ mod tests {
                 scale: 0.3,
             },
         ];
-        let result = segment_scene(&scene, &SceneOptions::default(), &|| false);
+        let result = segment_scene(&scene, None, &SceneOptions::default(), &|| false);
         assert_eq!(result.masks[0].as_ref().unwrap().mask, views[0].2);
-        let stopped = segment_scene(&scene, &SceneOptions::default(), &|| true);
+        let stopped = segment_scene(&scene, None, &SceneOptions::default(), &|| true);
         assert!(matches!(stopped.masks[1], Err(GrabCutError::Cancelled)));
         assert!(
-            segment_scene(&[], &SceneOptions::default(), &|| false)
+            segment_scene(&[], None, &SceneOptions::default(), &|| false)
                 .masks
                 .is_empty()
         );

@@ -198,6 +198,7 @@ pub fn synthesize_in(
             distortion: 0.0,
         },
         views: Vec::new(),
+        background: None,
         unusable_view_count: 0,
     };
     for (view, pose, silhouette, canonical) in views {

@@ -29,9 +29,11 @@ pub struct VideoOptions {
     pub turn: TurnCourse,
 }
 
-/// The course of a turn: the person stands, turns at a changing speed, perhaps pauses, and stands again
+/// The course of a turn: the person comes, stands, turns at a changing speed, perhaps pauses, and stands again
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TurnCourse {
+    /// Time in which the person comes from beside the picture, in s; 0 is there at once
+    pub enter_s: f64,
     /// Angle at the start, in radians
     pub start_radians: f64,
     /// Angle of the complete turn, in radians; negative turns the other way
@@ -49,12 +51,17 @@ pub struct TurnCourse {
 impl TurnCourse {
     /// Returns the duration, in s
     pub fn duration_s(&self) -> f64 {
-        2.0 * self.still_s + self.turn_s + self.pause_s
+        self.enter_s + 2.0 * self.still_s + self.turn_s + self.pause_s
+    }
+
+    /// Returns the distance of the person from the turning axis, from 1 at the start to 0
+    fn aside(&self, time_s: f64) -> f64 {
+        (1.0 - time_s / self.enter_s.max(f64::MIN_POSITIVE)).max(0.0)
     }
 
     /// Returns the turn angle at a time, in radians
     pub fn angle_at(&self, time_s: f64) -> f64 {
-        let turning_s = time_s - self.still_s;
+        let turning_s = time_s - self.enter_s - self.still_s;
         let half_s = self.turn_s / 2.0;
         let turned_s = turning_s.min(half_s) + (turning_s - half_s - self.pause_s).max(0.0);
         let share = (turned_s / self.turn_s).clamp(0.0, 1.0);
@@ -67,6 +74,9 @@ impl TurnCourse {
 
 /// Time between independent poses, between which the sway is interpolated, in s
 const SWAY_S: f64 = 1.6;
+
+/// Distance from which the person comes, in statures: outside of upright pictures
+const ENTRY_STATURES: f64 = 1.0;
 
 /// Share of the time between frames in which the shutter is open
 const SHUTTER: f64 = 0.5;
@@ -191,6 +201,7 @@ impl Motion {
         let off_mm = glam::DVec2::new(blend(&|k| self.off_mm[k].x), blend(&|k| self.off_mm[k].y));
         let turn = TurnAngle::from_radians(self.turn.angle_at(time_s));
         sway::stand(avatar, turn, off_mm, &mut pose);
+        pose.shift_mm.x += self.turn.aside(time_s) * ENTRY_STATURES * avatar.stature_mm();
         (pose, turn)
     }
 }
@@ -202,6 +213,7 @@ mod tests {
     use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
     const COURSE: TurnCourse = TurnCourse {
+        enter_s: 0.0,
         start_radians: 0.5,
         turned_radians: -TAU,
         turn_s: 10.0,

@@ -24,6 +24,8 @@ pub struct Scan {
     pub camera: CameraSetup,
     /// The usable views, in the order of the manifest or of the file names
     pub views: Vec<View>,
+    /// The scene without the person, if a picture of it is given
+    pub background: Option<Background>,
     /// Number of given views that cannot be used, and are not in `views`
     pub unusable_view_count: usize,
 }
@@ -33,6 +35,15 @@ impl Scan {
     pub fn given_view_count(&self) -> usize {
         self.views.len() + self.unusable_view_count
     }
+}
+
+/// The scene without the person, as the camera of the views sees it
+#[derive(Debug, Clone, PartialEq)]
+pub struct Background {
+    /// Its picture, in the size of the views
+    pub photo: Photo,
+    /// Where the picture shows the scene; elsewhere it is unknown
+    pub known: Mask,
 }
 
 /// Source of the person's height, which sets the scale of all lengths

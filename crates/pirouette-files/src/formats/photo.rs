@@ -10,7 +10,7 @@ use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, Imag
 use pirouette_geom::{Grid, Mask};
 use thiserror::Error;
 
-use pirouette::scan::Photo;
+use pirouette::scan::{Background, Photo};
 
 /// Photos with more pixels than this are rejected before decoding
 ///
@@ -111,6 +111,47 @@ pub fn decode_photo(bytes: &[u8]) -> Result<DecodedPhoto, PhotoError> {
         vertical_fov_radians,
         cropped_from_px,
     })
+}
+
+/// Decodes a picture of the room without the person, and the mask of where it is opaque: elsewhere, the room is unknown
+///
+/// # Errors
+/// As of [`decode_photo`].
+pub fn decode_background(bytes: &[u8]) -> Result<(Photo, Mask), PhotoError> {
+    let decoder = open(bytes)?;
+    if !decoder.color_type().has_alpha() {
+        let photo = decode_photo(bytes)?.photo;
+        let known = Mask::filled(photo.width(), photo.height(), true);
+        return Ok((photo, known));
+    }
+    let rgba = decode(decoder)?.into_rgba8();
+    let (width, height) = (rgba.width() as usize, rgba.height() as usize);
+    let pixels = rgba.into_raw();
+    let pixels = pixels.as_chunks::<4>().0;
+    let colors = pixels.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
+    let known = pixels.iter().map(|&[.., alpha]| alpha == u8::MAX).collect();
+    Ok((
+        Photo::from_vec(width, height, colors),
+        Mask::from_vec(width, height, known),
+    ))
+}
+
+/// Encodes a picture of the room; where it is unknown, the picture is transparent
+///
+/// # Errors
+/// When the picture has no pixels.
+pub fn encode_background(background: &Background) -> Result<Vec<u8>, ImageError> {
+    let photo = &background.photo;
+    let pixels = photo.as_slice().iter().zip(background.known.as_slice());
+    let rgba: Vec<u8> = pixels
+        .flat_map(|(&[r, g, b], &known)| [r, g, b, if known { u8::MAX } else { 0 }])
+        .collect();
+    encode_png(
+        &rgba,
+        photo.width(),
+        photo.height(),
+        image::ColorType::Rgba8,
+    )
 }
 
 /// Decodes a mask; pixels of at least half the brightness are foreground

@@ -17,16 +17,16 @@ use pirouette_geom::parallel::prelude::*;
 
 use crate::formats::manifest;
 use crate::formats::manifest::{Manifest, ManifestView, VideoFacts};
-use crate::formats::photo::{decode_photo, shrink};
+use crate::formats::photo::{decode_background, decode_photo, resample_mask, shrink};
 use crate::source::Source;
 #[cfg(feature = "folders")]
 pub(crate) use find::PHOTO_EXTENSIONS;
 use find::{Listing, PhotoFolder};
 use keypoint_files::{AssignedFiles, check_common_links, paths_in_scan};
 use pirouette::scan::{
-    CameraSetup, KeypointSource, Photo, STATED_TURN_SD_DEGREES, Scan, StatureFrom, View,
+    Background, CameraSetup, KeypointSource, Photo, STATED_TURN_SD_DEGREES, Scan, StatureFrom, View,
 };
-use pirouette::video::COMPLETE_TURN_DEGREES;
+use pirouette::video::{COMPLETE_TURN_DEGREES, tracked_turn_sd_radians};
 use pirouette_body::TurnAngle;
 use view::{LoadedView, load_view, read_file};
 pub(crate) use view::{MAX_PHOTO_BYTES, keypoints_in_input};
@@ -106,8 +106,6 @@ pub struct LoadedScan {
     pub video: Option<VideoFacts>,
     /// Indices of the views without a keypoint file
     pub without_keypoints: Vec<usize>,
-    /// A photo of the room without the person
-    background_file: Option<String>,
     /// Source of the photos
     source: Source,
     /// The photo file of each usable view
@@ -137,22 +135,6 @@ impl LoadedScan {
         &self.files[view]
     }
 
-    /// Reads the photo of the room without the person, in the size of the views; `None` if there is none
-    ///
-    /// # Errors
-    /// When it cannot be read or decoded.
-    pub fn background(&self, options: &LoadOptions) -> Result<Option<Photo>, ViewError> {
-        let Some(file) = &self.background_file else {
-            return Ok(None);
-        };
-        let bytes = read_file(&self.source, file, MAX_PHOTO_BYTES)?;
-        let decoded = decode_photo(&bytes).map_err(|source| ViewError::Photo {
-            file: file.clone(),
-            source,
-        })?;
-        Ok(Some(shrink(decoded.photo, options.max_side_px)))
-    }
-
     /// Reads the photo of a view again at its original size; `None` if the file is missing or was changed
     pub fn full_size_photo(&self, view: usize) -> Option<Photo> {
         let (file, view) = (self.files.get(view)?, self.scan.views.get(view)?);
@@ -178,6 +160,29 @@ impl fmt::Display for FailedView {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "view {} is rejected (load): {}", self.view, self.reason)
     }
+}
+
+/// Reads the photo of the room without the person, which must have the `size` of the views; or why it is unusable
+fn load_background(
+    source: &Source,
+    file: &str,
+    size: Option<(usize, usize)>,
+    options: &LoadOptions,
+) -> Result<Background, String> {
+    let bytes = read_file(source, file, MAX_PHOTO_BYTES).map_err(|e| e.to_string())?;
+    let (photo, known) = decode_background(&bytes).map_err(|e| format!("{file}: {e}"))?;
+    let known = known.map(|&known| if known { 1.0 } else { 0.0 });
+    let photo = shrink(photo, options.max_side_px);
+    let (width, height) = (photo.width(), photo.height());
+    if let Some((of_width, of_height)) = size.filter(|size| *size != (width, height)) {
+        return Err(format!(
+            "{file} has {width}x{height} px, the photos {of_width}x{of_height} px (long sides are shrunk to {} px)",
+            options.max_side_px
+        ));
+    }
+    // A pixel that partly covers an unknown one is unknown.
+    let known = resample_mask(&known, width, height, 0.999);
+    Ok(Background { photo, known })
 }
 
 /// Opens and loads a scan folder, or a zip file of one
@@ -238,7 +243,6 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
         let stated = stated.filter(|_| !options.angles_unknown);
         stated.map(TurnAngle::from_degrees)
     };
-    let stated_sd_degrees = manifest.angle_sd_deg.unwrap_or(STATED_TURN_SD_DEGREES);
 
     let keypoint_files = AssignedFiles::new(&source, &entries, options.keypoints)?;
     let mut loaded: Vec<_> = entries
@@ -292,7 +296,13 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                     photo: loaded.photo,
                     input_size_px: loaded.input_size_px,
                     turn: turn.unwrap_or_default(),
-                    turn_sd_radians: turn.map_or(f64::INFINITY, |_| stated_sd_degrees.to_radians()),
+                    turn_sd_radians: match (turn, manifest.angle_sd_deg, entry.time_s) {
+                        (None, ..) => f64::INFINITY,
+                        (Some(turn), None, Some(_)) => tracked_turn_sd_radians(turn),
+                        (Some(_), stated, _) => {
+                            stated.unwrap_or(STATED_TURN_SD_DEGREES).to_radians()
+                        }
+                    },
                     time_s: entry.time_s,
                     keypoints: loaded.keypoints,
                     keypoints_from: KeypointSource::Given,
@@ -314,6 +324,15 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
         });
     }
     warnings.extend(manifest.video.iter().flat_map(video_warnings));
+    let background = background_file.and_then(|file| {
+        let size = views
+            .first()
+            .map(|view| (view.photo.width(), view.photo.height()));
+        let loaded = load_background(&source, &file, size, options);
+        loaded
+            .map_err(|reason| warnings.push(ScanWarning::BackgroundUnusable { reason }))
+            .ok()
+    });
     warnings.extend(cropped.filter(|_| manifest.camera.vertical_fov_radians.is_none()));
     let camera = CameraSetup {
         vertical_fov_radians: manifest
@@ -331,13 +350,13 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
             subject: manifest.subject,
             camera,
             views,
+            background,
             unusable_view_count: failed.len(),
         },
         failed,
         warnings,
         video: manifest.video,
         without_keypoints,
-        background_file,
         source,
         files,
     })

@@ -206,6 +206,10 @@ pub enum ScanWarning {
         "the colors of the video have a high dynamic range, and were converted to the usual one"
     )]
     HdrConverted,
+    #[error(
+        "the photo of the room without the person is not used: {reason}; take it from the same place, with the same camera"
+    )]
+    BackgroundUnusable { reason: String },
 }
 
 impl ScanWarning {
@@ -238,6 +242,7 @@ impl ScanWarning {
             ScanWarning::PartOfTurn { .. } => "part_of_turn",
             ScanWarning::DirectionsMissing { .. } => "directions_missing",
             ScanWarning::HdrConverted => "hdr_converted",
+            ScanWarning::BackgroundUnusable { .. } => "background_unusable",
         }
     }
 }

@@ -5,6 +5,7 @@ use super::*;
 use std::fs;
 
 use crate::formats::photo;
+use crate::formats::photo::encode_photo_png;
 use crate::source::SourceError;
 use pirouette::scan::{KeypointKind, KeypointSource, Photo, Subject};
 use pirouette_body::{Joint, Keypoint, Keypoints, Sex};
@@ -530,6 +531,10 @@ fn a_written_scan_reads_back_unchanged() {
             ..CameraSetup::default()
         },
         views: vec![view],
+        background: Some(Background {
+            photo: Photo::from_fn(40, 50, |x, y| [x as u8, y as u8, 7]),
+            known: Mask::from_fn(40, 50, |x, y| x + y > 20),
+        }),
         unusable_view_count: 0,
     };
     let folder = TestFolder::new();
@@ -541,6 +546,9 @@ fn a_written_scan_reads_back_unchanged() {
     let fov = read.camera.vertical_fov_radians.unwrap();
     assert!((fov - 0.75).abs() < 1e-12);
     assert_eq!(read.camera.height_mm, None);
+    let (given, background) = (scan.background.as_ref().unwrap(), read.background.unwrap());
+    assert_eq!(background.known, given.known);
+    assert_eq!(background.photo, given.photo);
     let (before, after) = (&scan.views[0], &read.views[0]);
     assert_eq!(after.keypoints, before.keypoints);
     assert_eq!(after.time_s, Some(4.2));
@@ -548,10 +556,42 @@ fn a_written_scan_reads_back_unchanged() {
     assert_eq!(after.name, before.name);
     assert!((after.turn.degrees() - 30.0).abs() < 1e-9);
     assert!((after.turn_sd_radians.to_degrees() - 12.0).abs() < 1e-9);
+    let mut usual = scan.clone();
+    usual.views[0].turn_sd_radians = tracked_turn_sd_radians(usual.views[0].turn);
+    write_scan(folder.0.path(), &usual).unwrap();
+    let read = folder.load().unwrap().scan;
+    assert!((read.views[0].turn_sd_radians - usual.views[0].turn_sd_radians).abs() < 1e-9);
     let mut unknown = scan;
     unknown.views[0].turn_sd_radians = f64::INFINITY;
     write_scan(folder.0.path(), &unknown).unwrap();
     assert!(!folder.load().unwrap().scan.views[0].turn_is_stated());
+}
+
+#[test]
+fn a_photo_of_the_room_that_does_not_fit_is_named_and_not_used() {
+    let folder = TestFolder::new();
+    folder
+        .photo("000.png", 80, 100)
+        .keypoints("000_keypoints.json");
+    for (name, bytes, expected) in [
+        ("background.jpg", b"no photo".to_vec(), "background.jpg"),
+        (
+            "background.png",
+            encode_photo_png(&Photo::filled(300, 200, [9; 3])).unwrap(),
+            "300x200",
+        ),
+    ] {
+        folder.write(name, bytes);
+        let loaded = folder.load().unwrap();
+        assert!(loaded.scan.background.is_none());
+        let warning = loaded
+            .warnings
+            .iter()
+            .find(|w| w.code() == "background_unusable");
+        let text = warning.unwrap().to_string();
+        assert!(text.contains(expected), "{text}");
+        std::fs::remove_file(folder.0.path().join(name)).unwrap();
+    }
 }
 
 #[test]

@@ -13,10 +13,14 @@ use crate::formats::{manifest, photo};
 use crate::sink::make_folder;
 use crate::sink::{Sink, WriteError};
 use pirouette::scan::{KeypointKind, STATED_TURN_SD_DEGREES, Scan, View};
+use pirouette::video::tracked_turn_sd_radians;
 use pirouette_body::{Keypoints, ReferencePose, Sex};
 
 /// JPEG quality of written photos, typical of cameras
 const JPEG_QUALITY: u8 = 92;
+
+/// Name of the picture of the scene without the person
+const BACKGROUND_FILE: &str = "background.png";
 
 /// Why a scan could not be written
 #[derive(Debug, Error)]
@@ -33,6 +37,9 @@ pub enum WriteScanError {
         /// Error of the encoder
         source: jpeg_encoder::EncodingError,
     },
+    /// Not encodable: PNG files have at least one pixel
+    #[error("the picture of the room cannot be a PNG file: {0}")]
+    Background(#[source] image::ImageError),
     /// Not encodable: PNG files have at least one pixel
     #[error("the mask of view {view} cannot be a PNG file: {source}")]
     Mask {
@@ -66,6 +73,10 @@ pub fn scan_files(scan: &Scan) -> Result<BTreeMap<String, Vec<u8>>, WriteScanErr
 fn put_scan(sink: &Sink, scan: &Scan) -> Result<(), WriteScanError> {
     for view in &scan.views {
         put_view(sink, view)?;
+    }
+    if let Some(background) = &scan.background {
+        let png = photo::encode_background(background).map_err(WriteScanError::Background)?;
+        sink.put(BACKGROUND_FILE, png)?;
     }
     let manifest = format!("{:#}\n", manifest_of(scan));
     Ok(sink.put(manifest::FILE_NAME, manifest.into_bytes())?)
@@ -153,13 +164,16 @@ fn manifest_of(scan: &Scan) -> serde_json::Value {
             file["camera"][key] = json!(value);
         }
     }
-    let mut sds = scan
-        .views
-        .iter()
-        .map(|view| view.turn_sd_radians.to_degrees());
-    let stated = sds.find(|sd| sd.is_finite());
-    if let Some(sd) = stated.filter(|sd| (sd - STATED_TURN_SD_DEGREES).abs() > 1e-6) {
-        file["angle_sd_deg"] = json!(sd);
+    let is_default = |view: &View| {
+        let usual = match view.time_s {
+            Some(_) => tracked_turn_sd_radians(view.turn),
+            None => STATED_TURN_SD_DEGREES.to_radians(),
+        };
+        (view.turn_sd_radians - usual).abs() < 1e-6
+    };
+    let stated = scan.views.iter().find(|view| view.turn_is_stated());
+    if let Some(view) = stated.filter(|view| !is_default(view)) {
+        file["angle_sd_deg"] = json!(view.turn_sd_radians.to_degrees());
     }
     let views = scan.views.iter().map(|view| {
         let name = &view.name;
@@ -179,5 +193,8 @@ fn manifest_of(scan: &Scan) -> serde_json::Value {
         entry
     });
     file["views"] = views.collect();
+    if scan.background.is_some() {
+        file["background"] = json!(BACKGROUND_FILE);
+    }
     file
 }

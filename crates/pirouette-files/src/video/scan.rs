@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use pirouette::pipeline::CancelToken;
+use pirouette::scan::Background;
 use pirouette::video::{
     ExtractError, ExtractOptions, Extracted, ExtractedView, TurnTrack, extract_views,
 };
@@ -17,7 +18,7 @@ use thiserror::Error;
 use super::{FfmpegVideo, VideoError};
 use crate::formats::json::to_strict;
 use crate::formats::manifest::{self, VideoFacts};
-use crate::formats::photo::encode_jpeg;
+use crate::formats::photo::{encode_background, encode_jpeg};
 use crate::source::{Source, SourceError, read_bounded_file};
 
 /// File extensions of videos
@@ -29,8 +30,8 @@ const EXTENSIONS: [&str; 17] = [
 /// Quality of the extracted frames, which are compressed a second time
 const JPEG_QUALITY: u8 = 97;
 
-/// Standard deviation of the turn angles by the keypoints of single frames, in degrees
-const ANGLE_SD_DEG: f64 = 6.0;
+/// Name of the picture of the scene without the person
+const BACKGROUND_FILE: &str = "background.png";
 
 /// Largest manifest, in bytes
 const MAX_JSON_BYTES: u64 = 1 << 20;
@@ -120,6 +121,8 @@ pub enum VideoScanError {
     Manifest { path: PathBuf, message: String },
     #[error("a frame cannot be encoded: {0}")]
     Encode(#[from] jpeg_encoder::EncodingError),
+    #[error("the picture of the room cannot be encoded: {0}")]
+    EncodeBackground(#[from] image::ImageError),
     #[error("{}: {source}", path.display())]
     Source {
         path: PathBuf,
@@ -171,7 +174,8 @@ pub fn scan_of_video(
         hdr: video.is_hdr(),
         turn: turn_over_time(&extracted.track),
     };
-    let source = make_source(file, manifest, &facts, &views)?;
+    let background = extracted.background.take();
+    let source = make_source(file, manifest, &facts, (&views, background.as_ref()))?;
     Ok(VideoScan { source, extracted })
 }
 
@@ -180,7 +184,7 @@ fn make_source(
     file: &VideoFile,
     mut manifest: Map<String, Value>,
     facts: &VideoFacts,
-    views: &[ExtractedView],
+    (views, background): (&[ExtractedView], Option<&Background>),
 ) -> Result<Source, VideoScanError> {
     let name = |view: &ExtractedView| format!("{:07.3}s.jpg", view.time_s);
     let entries: Vec<Value> = views
@@ -195,9 +199,6 @@ fn make_source(
         .collect();
     manifest.insert("views".to_owned(), Value::Array(entries));
     manifest.insert("video".to_owned(), json!(facts));
-    manifest
-        .entry("angle_sd_deg")
-        .or_insert_with(|| json!(ANGLE_SD_DEG));
     let encoded: Vec<_> = views
         .par_iter()
         .map(|view| encode_jpeg(&view.photo, JPEG_QUALITY))
@@ -205,6 +206,11 @@ fn make_source(
     let mut files: Vec<(String, Arc<[u8]>)> = Vec::with_capacity(views.len() + 1);
     for (view, bytes) in views.iter().zip(encoded) {
         files.push((name(view), Arc::from(bytes?)));
+    }
+    if let Some(background) = background {
+        let png = encode_background(background)?;
+        files.push((BACKGROUND_FILE.to_owned(), Arc::from(png)));
+        manifest.insert("background".to_owned(), json!(BACKGROUND_FILE));
     }
     let manifest = Value::Object(manifest).to_string().into_bytes();
     files.push((manifest::FILE_NAME.to_owned(), Arc::from(manifest)));

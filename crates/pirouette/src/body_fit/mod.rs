@@ -19,6 +19,7 @@ mod pose_step;
 mod shape_step;
 mod shared_step;
 mod surface;
+mod sway;
 mod targets;
 
 use glam::{DVec2, DVec3};
@@ -54,6 +55,8 @@ pub struct BodyFitView<'a> {
     pub turn: TurnAngle,
     /// Whether the turn angle is not stated: the person stepped to any angle
     pub stepped: bool,
+    /// Time in the video, in s; `None` if it is a photo
+    pub time_s: Option<f64>,
     /// Initial pose
     pub pose: Pose,
     /// Height of the person, in mm; determines the size of pixels
@@ -129,6 +132,12 @@ pub struct Round {
 /// Coarse vertices of the first rounds, which are too stiff for more, and of all others
 const FIRST_COUNT: usize = 1000;
 const COUNT: usize = 2000;
+
+/// First rounds, in which turns that were found in a video hardly change
+///
+/// The outline of a view from the side hardly depends on the turn: a surface that is not yet the person's turns it by
+/// degrees, and is then fitted to the wrong view.
+const HELD_ROUNDS: usize = 2;
 
 /// Rounds of a trial
 const TRIAL_ROUNDS: usize = 4;
@@ -372,6 +381,7 @@ pub(crate) fn fit_outlines(
             (outlines, &matches),
             (&posture, &poses),
             (start.as_ref(), &spread),
+            index < HELD_ROUNDS,
         );
         poses = together.poses;
         turn_sds = together.turn_sds;
@@ -470,6 +480,7 @@ pub(crate) fn rigid_residual(
         (outlines, &matches),
         (posture, &poses),
         (None, &CameraSpread::default()),
+        false,
     )
     .poses;
     let matches = find(&poses);

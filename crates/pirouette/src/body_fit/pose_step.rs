@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::matches::{Match, Outline};
 use super::shared_step::{SHARED, SharedStep, arm_shares, camera_rates};
+use super::sway::PosePrior;
 use super::{Body, BodyFitView};
 use pirouette_body::{
     Bone, Camera, Joint, Motion, PerBone, Pose, PosedBones, SkinWeight, pose_bones,
@@ -78,12 +79,12 @@ fn shares(weights: impl Iterator<Item = (Bone, f64)>) -> PerBone<f64> {
 
 /// Returns the equations of one view at the current pose and shared unknowns, including the prior of the pose
 ///
-/// `matches` are those of the outline; sway is centered at `prior`. `None` when the equations cannot be solved.
+/// `matches` are those of the outline. `None` when the equations cannot be solved.
 pub(super) fn equations(
     body: &Body,
     view: &BodyFitView,
     (outline, matches): (&Outline, &[Match]),
-    prior: &Pose,
+    prior: &PosePrior,
     pose: &Pose,
     shared: &SharedStep,
 ) -> Option<Equations> {
@@ -113,16 +114,9 @@ pub(super) fn equations(
         equations.add(&active, &row, residual, weight);
     }
     add_keypoints(body, view, &posed, &motions, shared, &mut equations);
-    let sigmas = match view.stepped {
-        true => Pose::stepping_sigmas(),
-        false => Pose::prior_sigmas(),
-    };
-    let at = pose.to_parameters();
-    let center = prior.to_parameters();
-    for i in 0..POSE {
-        let weight = sigmas[i].powi(-2);
-        equations.matrix[i][i] += weight;
-        equations.right[i] -= weight * (at[i] - center[i]);
+    for (i, at) in pose.to_parameters().into_iter().enumerate() {
+        equations.matrix[i][i] += prior.weights[i];
+        equations.right[i] -= prior.weights[i] * (at - prior.center[i]);
     }
     equations
         .right

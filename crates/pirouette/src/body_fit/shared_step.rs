@@ -12,6 +12,7 @@ use pirouette_geom::parallel::prelude::*;
 
 use super::matches::{Match, Outline};
 use super::pose_step::{ALL, Equations, POSE, STEPS, TURN, equations};
+use super::sway::pose_priors;
 use super::{Body, BodyFitView, CameraSpread};
 use pirouette_body::{Bone, Camera, Pose, SkinWeight};
 
@@ -120,13 +121,15 @@ pub(super) struct PoseUpdate {
 /// Improves all poses, the camera and the size of the surface to match outlines and keypoints
 ///
 /// `views` hold the current camera, `start` is the camera at which `spread` is centered. Parameters without spread are
-/// constant; without any spread, the surface is constant, too. `matches` are the same in all steps.
+/// constant; without any spread, the surface is constant, too. `matches` are the same in all steps. `turns_held` as of
+/// [`pose_priors`].
 pub(super) fn step_together(
     body: &Body,
     views: &[BodyFitView],
     (outlines, matches): (&[Outline], &[Vec<Match>]),
-    (prior, poses): (&Pose, &[Pose]),
+    (posture, poses): (&Pose, &[Pose]),
     (start, spread): (Option<&Camera>, &CameraSpread),
+    turns_held: bool,
 ) -> PoseUpdate {
     let mut poses = poses.to_vec();
     let mut total = [0.0; SHARED];
@@ -134,6 +137,7 @@ pub(super) fn step_together(
     let mut turn_sds = vec![Pose::prior_sigmas()[TURN]; views.len()];
     for _ in 0..STEPS {
         let shared = SharedStep::from_array(total);
+        let priors = pose_priors(views, posture, &poses, turns_held);
         let equations: Vec<Option<Equations>> = (0..views.len())
             .into_par_iter()
             .map(|i| {
@@ -142,7 +146,7 @@ pub(super) fn step_together(
                     ..views[i]
                 };
                 let seen = (&outlines[i], &matches[i][..]);
-                equations(body, &view, seen, prior, &poses[i], &shared)
+                equations(body, &view, seen, &priors[i], &poses[i], &shared)
             })
             .collect();
         let eliminated: Vec<Option<Eliminated>> = equations

@@ -169,7 +169,9 @@ impl Job<'_> {
                     }
                 })
                 .collect();
-            segment(&views, &options, &|| cancel.cancelled())
+            segment(&views, scan.background.as_ref(), &options, &|| {
+                cancel.cancelled()
+            })
         })?;
         let solved = report.views.iter_mut().zip(keypoints).zip(silhouettes);
         for ((solved, keypoints), silhouette) in solved {

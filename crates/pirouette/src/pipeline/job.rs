@@ -230,7 +230,9 @@ impl<'a> Job<'a> {
                         mask: view.mask.as_ref(),
                     })
                     .collect();
-                segment(&views, &options, &|| cancel.cancelled())
+                segment(&views, scan.background.as_ref(), &options, &|| {
+                    cancel.cancelled()
+                })
             })?;
         let mut views = Vec::new();
         for (index, silhouette) in silhouettes.into_iter().enumerate() {

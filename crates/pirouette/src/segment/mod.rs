@@ -18,7 +18,7 @@ use pirouette_segment::grabcut::{GrabCutError, GrabCutOptions, grabcut};
 use pirouette_segment::scene::{SceneOptions, SceneView, segment_scene};
 use pirouette_segment::seeds::{LogOdds, Seed};
 
-use crate::scan::Photo;
+use crate::scan::{Background, Photo};
 use bones::SeedLines;
 use pirouette_body::{Keypoints, NOMINAL_STATURE_PX};
 use prior::{Prior, PriorFit};
@@ -164,12 +164,13 @@ impl From<GrabCutError> for SegmentError {
 
 /// Finds the silhouette of the person in every view
 ///
-/// Several views are segmented as one scene; a single one is segmented separately. `cancelled` is polled regularly.
+/// Several views are segmented as one scene, with its `background` if it is given; a single one is segmented separately. `cancelled` is polled regularly.
 ///
 /// # Source
 /// Seeds: Zwettler et al. 2021, section on segmentation. Cut: C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut.
 pub fn segment(
     views: &[SegmentView],
+    background: Option<&Background>,
     options: &SegmentOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Vec<Result<Silhouette, SegmentError>> {
@@ -188,7 +189,7 @@ pub fn segment(
     } else if options.single || usable < 2 {
         cut_singly(views, &prepared, options, cancelled)
     } else {
-        cut_together(views, &prepared, options, cancelled)
+        cut_together((views, background), &prepared, options, cancelled)
     };
     prepared
         .into_iter()
@@ -222,7 +223,7 @@ fn given_masks(views: &[SegmentView]) -> Vec<Cut> {
 type Cut = Option<Result<(Mask, Grid<f32>), SegmentError>>;
 
 fn cut_together(
-    views: &[SegmentView],
+    (views, background): (&[SegmentView], Option<&Background>),
     prepared: &[Result<Prepared, SegmentError>],
     options: &SegmentOptions,
     cancelled: &(dyn Fn() -> bool + Sync),
@@ -248,7 +249,8 @@ fn cut_together(
         unmix_border: options.alpha,
         ..SceneOptions::default()
     };
-    let mut masks = segment_scene(&scene, &scene_options, cancelled)
+    let background = background.map(|background| (&background.photo, &background.known));
+    let mut masks = segment_scene(&scene, background, &scene_options, cancelled)
         .masks
         .into_iter();
     prepared

@@ -62,7 +62,7 @@ fn photo(truth: &Mask) -> Photo {
 }
 
 fn segment_all(views: &[SegmentView]) -> Vec<Result<Silhouette, SegmentError>> {
-    segment(views, &SegmentOptions::default(), &|| false)
+    segment(views, None, &SegmentOptions::default(), &|| false)
 }
 
 fn view<'a>(photo: &'a Photo, keypoints: &'a Keypoints) -> SegmentView<'a> {
@@ -200,7 +200,7 @@ fn cancelling_ends_every_view() {
     let (photo, keypoints) = (photo(&truth), keypoints(60.0));
     for count in [1, 2] {
         let views = vec![view(&photo, &keypoints); count];
-        for result in segment(&views, &SegmentOptions::default(), &|| true) {
+        for result in segment(&views, None, &SegmentOptions::default(), &|| true) {
             assert_eq!(result.unwrap_err(), SegmentError::Cancelled);
         }
     }

@@ -54,6 +54,8 @@ pub struct KeypointView {
     pub turn: TurnAngle,
     /// Prior standard deviation of the person's turn around that angle, sway included; infinite if the angle is unknown
     pub turn_sd_radians: f64,
+    /// Time in the video, in s, whose course of the turn gave the angle; `None` if it is a photo
+    pub time_s: Option<f64>,
     /// Detected joints, in px of the photo
     pub keypoints: Keypoints,
     /// Definition of the joints by their detector
@@ -70,6 +72,7 @@ impl From<&View> for KeypointView {
         Self {
             turn: view.turn,
             turn_sd_radians: view.turn_sd_radians,
+            time_s: view.time_s,
             keypoints: view.keypoints,
             keypoint_kind: view.keypoint_kind,
             width_px: view.photo.width(),
@@ -131,6 +134,8 @@ pub struct SkeletonView {
     pub turn_sd_radians: f64,
     /// Origin of the turn angle
     pub turn_from: TurnFrom,
+    /// Time in the video, in s; `None` if it is a photo
+    pub time_s: Option<f64>,
     /// The camera; the cameras of all views differ only in the size of the photo
     pub camera: Camera,
     /// Keypoints, with swaps of left and right fixed
@@ -327,6 +332,8 @@ pub fn fit_skeleton(
         solution = found_turns::solve_free(&mut problem, solution.unknowns, &free, options.rounds);
         turn_correction.offset = found_turns::fix_zero(&mut problem, &mut solution.unknowns, &free);
     } else if options.correct_turns
+        // Those of a video are not stated.
+        && views.iter().all(|view| view.time_s.is_none())
         && let Some(found) = turns::solve_without_stated(&problem, &solution, options.rounds)
     {
         wrong_turns = turns::wrong_turns(views, &found.0, &mut turn_correction);
@@ -335,7 +342,10 @@ pub fn fit_skeleton(
     }
     // Later stages expect turns near those of the poses.
     for (index, view) in views.iter().enumerate() {
-        if !free[index] && view.turn_sd_radians > (STATED_TURN_SD_DEGREES + 0.1).to_radians() {
+        if !free[index]
+            && (view.time_s.is_some()
+                || view.turn_sd_radians > (STATED_TURN_SD_DEGREES + 0.1).to_radians())
+        {
             problem.views[index].center_turn(&mut solution.unknowns.poses[index], 0.0);
             free[index] = true;
         }
@@ -480,6 +490,7 @@ fn assemble(
                 turn: view.turn,
                 turn_sd_radians,
                 turn_from: turn_from(free),
+                time_s: view.time_s,
                 camera: shared.camera_of(view),
                 keypoints,
                 pose,

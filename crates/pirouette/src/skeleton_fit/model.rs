@@ -92,6 +92,7 @@ pub(super) struct ViewData {
     pub(super) turn: TurnAngle,
     /// Prior standard deviation of the turn of the pose beyond `turn`
     pub(super) turn_sigma_radians: f64,
+    pub(super) time_s: Option<f64>,
     pub(super) width_px: usize,
     pub(super) height_px: usize,
     pub(super) observed: PerJoint<Option<Observed>>,

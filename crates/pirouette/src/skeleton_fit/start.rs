@@ -158,6 +158,7 @@ pub(super) fn prepare(
                 } else {
                     FREE_TURN_SIGMA_RADIANS
                 },
+                time_s: view.time_s,
                 width_px: view.width_px,
                 height_px: view.height_px,
                 face_seen,

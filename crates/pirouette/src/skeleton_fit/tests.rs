@@ -502,7 +502,7 @@ proptest! {
                 }
                 let turn = TurnAngle::from_degrees(1000.0 * noise.normal());
                 let turn_sd_radians = if noise.uniform() < 0.5 { 0.1 } else { f64::INFINITY };
-                KeypointView { turn, turn_sd_radians, keypoints, keypoint_kind: KeypointKind::default(), width_px, height_px }
+                KeypointView { turn, turn_sd_radians, time_s: None, keypoints, keypoint_kind: KeypointKind::default(), width_px, height_px }
             })
             .collect();
         let camera = CameraSetup { vertical_fov_radians: fov, ..CameraSetup::default() };

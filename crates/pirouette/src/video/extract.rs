@@ -6,11 +6,12 @@ use pirouette_body::TurnAngle;
 use pirouette_pose::PoseModel;
 use thiserror::Error;
 
+use super::background::{combine, frames_without};
 use super::{
     Choice, ChoiceError, ChoiceOptions, Frame, FrameSource, SurveyOptions, TrackError, TurnTrack,
     choose_frames, survey,
 };
-use crate::scan::Photo;
+use crate::scan::{Background, Photo};
 
 /// Options of [`extract_views`]
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -41,6 +42,8 @@ pub struct Extracted {
     pub track: TurnTrack,
     /// The choice that was made
     pub choice: Choice,
+    /// The scene without the person, if the person comes or leaves in the video
+    pub background: Option<Background>,
 }
 
 /// Why a video has no views
@@ -92,11 +95,18 @@ pub fn extract_views<S: FrameSource>(
     let track = TurnTrack::find(searched.map(|f| (f.time_s, f.keypoints.as_ref())));
     let track = track.map_err(ExtractError::Track)?;
     let choice = choose_frames(&survey, &track, &options.choice).map_err(ExtractError::Choice)?;
-    let indices: Vec<usize> = choice.frames.iter().map(|frame| frame.index).collect();
-    let mut views = Vec::with_capacity(indices.len());
+    let without = frames_without(&survey);
+    let mut indices: Vec<usize> = choice.frames.iter().map(|frame| frame.index).collect();
+    indices.extend(&without);
+    indices.sort_unstable();
+    indices.dedup();
+    let mut views = Vec::with_capacity(choice.frames.len());
+    let mut scenes = Vec::with_capacity(without.len());
     let decoded = source.frames(MAX_SIDE_PX, Some(&indices), &mut |frame: Frame| {
+        if without.contains(&frame.index) {
+            scenes.push(frame.photo);
         // Time stamps of both passes are equal; those of the first one have an angle.
-        if let Some(chosen) = choice.frames.iter().find(|c| c.index == frame.index) {
+        } else if let Some(chosen) = choice.frames.iter().find(|c| c.index == frame.index) {
             views.push(ExtractedView {
                 time_s: chosen.time_s,
                 turn: TurnAngle::from_radians(chosen.angle_radians),
@@ -115,5 +125,6 @@ pub fn extract_views<S: FrameSource>(
         views,
         track,
         choice,
+        background: combine(&scenes, model),
     })
 }

@@ -3,8 +3,9 @@
 //! A [`FrameSource`] decodes the video as often as needed, and passes frames one by one, so that memory does not grow
 //! with the length. [`survey()`] looks at all frames, shrunk: sharpness, brightness, and the keypoints of some of them.
 //! [`TurnTrack`] is the turn angle over time, by these keypoints. [`choose_frames`] selects the frames. [`extract_views`]
-//! does all of it.
+//! does all of it, and takes the scene without the person from frames in which the person comes or leaves.
 
+mod background;
 mod choice;
 mod extract;
 mod survey;
@@ -19,7 +20,7 @@ pub use choice::{
 };
 pub use extract::{ExtractError, ExtractOptions, Extracted, ExtractedView, extract_views};
 pub use survey::{FrameFacts, Survey, SurveyOptions, survey};
-pub use turn_track::{TrackError, TurnSample, TurnTrack};
+pub use turn_track::{TrackError, TurnSample, TurnTrack, tracked_turn_sd_radians};
 
 /// A decoded frame
 #[derive(Debug, Clone)]

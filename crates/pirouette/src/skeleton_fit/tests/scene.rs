@@ -192,6 +192,7 @@ pub(super) fn scan(setting: &Setting) -> Truth {
         views.push(KeypointView {
             turn,
             turn_sd_radians: STATED_TURN_SD_DEGREES.to_radians(),
+            time_s: None,
             keypoints,
             keypoint_kind: KeypointKind::default(),
             width_px: camera.width_px,
