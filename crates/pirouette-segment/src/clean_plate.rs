@@ -12,7 +12,7 @@ pub struct CleanPlate {
     colors: Grid<[u8; 3]>,
     /// In levels
     sigmas: Grid<f32>,
-    /// Number of views that see the background at a pixel, at most 255
+    /// Number of views that see the background at a pixel, or [`FILLED`]
     counts: Grid<u8>,
     noise_level: f32,
 }
@@ -42,6 +42,9 @@ const MIN_VIEWS_FOR_SPREAD: usize = 4;
 /// Standard deviation without a spread, relative to the minimum
 const UNKNOWN_SPREAD: f32 = 1.6;
 
+/// Count of a pixel that no view sees, filled in from a picture without the person
+const FILLED: u8 = u8::MAX;
+
 /// Standard deviation of a Gaussian, relative to its median absolute deviation
 const SIGMA_PER_MAD: f32 = 1.4826;
 
@@ -67,7 +70,7 @@ impl CleanPlate {
             .iter()
             .copied()
             .filter(|(photo, mask)| photo.same_size(first) && mask.same_size(first))
-            .take(255)
+            .take(usize::from(FILLED) - 1)
             .collect();
         let mut colors = Grid::filled(width, height, [0_u8; 3]);
         let mut sigmas = Grid::filled(width, height, 0.0_f32);
@@ -180,7 +183,7 @@ impl CleanPlate {
             if *count == 0 && known {
                 *color =
                     std::array::from_fn(|c| (i32::from(given[c]) + shift[c]).clamp(0, 255) as u8);
-                *count = 1;
+                *count = FILLED;
                 *sigma = options.min_sigma * UNKNOWN_SPREAD;
             }
         }
@@ -233,7 +236,12 @@ impl CleanPlate {
             let distance = squared_distance(*color, *clean_plate) as f32;
             let clean_plate = own - 0.5 * distance / (sigma * sigma) - 3.0 * ln_of_positive(sigma);
             let mixed = log_sum_exp(clean_plate, other + *density);
-            *density = if count > 0 { mixed } else { *density };
+            *density = match count {
+                0 => *density,
+                // The picture lacks the shadows of the person: another color is no evidence for the person.
+                FILLED => mixed.max(*density),
+                _ => mixed,
+            };
         }
     }
 

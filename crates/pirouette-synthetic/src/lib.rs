@@ -101,6 +101,8 @@ pub struct Truth {
     pub silhouettes: Vec<Mask>,
     /// The silhouette of the person standing still in the reference pose, of each view
     pub canonical: Vec<Mask>,
+    /// The room without the person, if photos are rendered
+    pub room: Option<Photo>,
 }
 
 /// Renders a scan of an avatar that turns and sways
@@ -182,6 +184,10 @@ pub fn synthesize_in(
         poses: Vec::new(),
         silhouettes: Vec::new(),
         canonical: Vec::new(),
+        room: painted.as_ref().map(|(_, room)| {
+            let noise = options.sensor_noise * lighting.noise_gain();
+            expose(room, noise, &mut Random::new(options.seed))
+        }),
     };
     let mut scan = Scan {
         pose: avatar.pose,

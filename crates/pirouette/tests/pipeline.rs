@@ -3,9 +3,10 @@
 use pirouette::pipeline::{
     CancelToken, Config, Event, Goal, Method, PipelineError, Report, Stage, Warning, run,
 };
-use pirouette::scan::Scan;
+use pirouette::scan::{Background, Photo, Scan};
 use pirouette::view::ViewId;
 use pirouette_body::Keypoints;
+use pirouette_geom::Mask;
 use pirouette_synthetic::people::turning_woman;
 
 /// A scan whose silhouettes are given, which spares most of the segmentation
@@ -209,4 +210,39 @@ fn every_step_of_a_stage_is_reported() {
             "{stage:?}: {done} of {step_count}"
         );
     }
+}
+
+#[test]
+fn the_room_without_the_person_improves_masks_and_that_of_another_place_changes_nothing() {
+    let person = turning_woman(4);
+    let room = person.truth.room.expect("photos are rendered");
+    let masks = |background: Option<Background>| -> Vec<Mask> {
+        let scan = Scan {
+            background,
+            ..person.scan.clone()
+        };
+        let config = Config::new(Goal::Segment, Method::Fit);
+        let report = run(&scan, &config, &CancelToken::default(), &mut |_| {});
+        let views = report.expect("a rendered person can be segmented").views;
+        views.into_iter().map(|view| view.silhouette.mask).collect()
+    };
+    let background = |photo: Photo| {
+        let known = Mask::filled(photo.width(), photo.height(), true);
+        Some(Background { photo, known })
+    };
+    let overlap = |masks: &[Mask]| -> f64 {
+        let pairs = masks.iter().zip(&person.truth.silhouettes);
+        pairs.map(|(mask, truth)| mask.iou(truth)).sum::<f64>() / masks.len() as f64
+    };
+    let without = masks(None);
+    let with = masks(background(room.clone()));
+    assert!(
+        overlap(&with) > overlap(&without),
+        "{} {}",
+        overlap(&without),
+        overlap(&with)
+    );
+    let (width, height) = (room.width(), room.height());
+    let elsewhere = Photo::from_fn(width, height, |x, y| room[(width - 1 - x, height - 1 - y)]);
+    assert!(masks(background(elsewhere)) == without);
 }
