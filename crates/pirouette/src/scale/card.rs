@@ -483,7 +483,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 6))]
+        #![proptest_config(ProptestConfig::with_cases(ProptestConfig::default().cases / 16))]
 
         #[test]
         fn a_tilted_card_in_a_noisy_photo_gives_the_scale(
