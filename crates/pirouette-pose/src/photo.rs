@@ -82,6 +82,8 @@ pub struct Region {
     center: [f64; 2],
     size: f64,
     turn: f64,
+    /// Whether its left border is on the right
+    mirrored: bool,
 }
 
 impl Region {
@@ -101,6 +103,7 @@ impl Region {
             center,
             size,
             turn,
+            mirrored: false,
         })
     }
 
@@ -111,6 +114,15 @@ impl Region {
             center: [width / 2.0, height / 2.0],
             size: width.max(height),
             turn: 0.0,
+            mirrored: false,
+        }
+    }
+
+    /// The same square with left and right exchanged: the network sees the person as in a mirror
+    pub(crate) fn mirror_image(self) -> Self {
+        Self {
+            mirrored: !self.mirrored,
+            ..self
         }
     }
 
@@ -157,6 +169,7 @@ impl Region {
     pub fn photo_from_unit(&self, unit: [f64; 2]) -> [f64; 2] {
         let (sin, cos) = self.turn.sin_cos();
         let [x, y] = unit.map(|v| (v - 0.5) * self.size);
+        let x = if self.mirrored { -x } else { x };
         [
             self.center[0] + cos * x - sin * y,
             self.center[1] + sin * x + cos * y,
@@ -167,8 +180,9 @@ impl Region {
     pub fn unit_from_photo(&self, position: [f64; 2]) -> [f64; 2] {
         let (sin, cos) = self.turn.sin_cos();
         let (dx, dy) = (position[0] - self.center[0], position[1] - self.center[1]);
+        let x = (cos * dx + sin * dy) / self.size;
         [
-            (cos * dx + sin * dy) / self.size + 0.5,
+            if self.mirrored { 0.5 - x } else { 0.5 + x },
             (cos * dy - sin * dx) / self.size + 0.5,
         ]
     }
@@ -214,6 +228,20 @@ mod tests {
         assert!(!at(100.0, 200.0).is_elsewhere(&at(149.0, 150.0)));
         assert!(at(100.0, 200.0).is_elsewhere(&at(151.0, 150.0)));
         assert!(at(151.0, 150.0).is_elsewhere(&at(100.0, 200.0)));
+    }
+
+    #[test]
+    fn mirror_image_exchanges_left_and_right() {
+        let region = Region::new([50.0, 60.0], 40.0, 0.3).unwrap();
+        let mirrored = region.mirror_image();
+        for [x, y] in [[0.0, 0.0], [0.2, 0.9], [1.0, 0.5]] {
+            let position = mirrored.photo_from_unit([x, y]);
+            let straight = region.photo_from_unit([1.0 - x, y]);
+            assert!((0..2).all(|i| (position[i] - straight[i]).abs() < 1e-12));
+            let unit = mirrored.unit_from_photo(position);
+            assert!((unit[0] - x).abs() < 1e-12 && (unit[1] - y).abs() < 1e-12);
+        }
+        assert_eq!(mirrored.mirror_image(), region);
     }
 
     #[test]

@@ -3,6 +3,11 @@
 //! The network reports the presence of a person in its region, and the person's region. Windows of decreasing size are
 //! therefore tried until the presence is certain. On photos of persons of 30 to 95 % of the photo's height this finds
 //! everyone whom a detection network finds.
+//!
+//! The network sees persons in patterns, too, up to a presence of 0.998, but not in their mirror images. A person is
+//! therefore reported only if the network finds the same one in the mirror: in 111 photos without a person (noise, and strips
+//! from the borders of photos of streets), one is found in 18 without this test, and in none with it. Photos of persons have at
+//! least 0.997 in both, and landmarks that differ by at most 0.016 of the region's size (127 photos).
 
 use crate::model::Runner;
 use crate::{Detection, Photo, PoseModel, Region};
@@ -15,8 +20,13 @@ const WINDOW_STEP: f64 = 0.3;
 const CERTAIN_PRESENCE: f64 = 0.98;
 /// Presence in the first pass below which a window is dropped
 const MIN_FIRST_PRESENCE: f64 = 0.5;
-/// Presence below which no person is reported
-const MIN_PRESENCE: f64 = 0.9;
+/// Presence below which no person is reported, in the photo and in its mirror image
+const MIN_PRESENCE: f64 = 0.95;
+/// Median distance of the landmarks of trunk and limbs from those in the mirror above which there is no person, relative to
+/// the region's size
+const MAX_MIRRORED_DISTANCE: f64 = 0.03;
+/// Indices of left and right shoulder, elbow, hip, knee and ankle
+const SIDES: [[usize; 2]; 5] = [[11, 12], [13, 14], [23, 24], [25, 26], [27, 28]];
 /// Passes per window; each follows the region of the one before
 const PASSES: usize = 3;
 
@@ -48,14 +58,31 @@ impl PoseModel {
                     best = Some(found);
                 }
             }
-            let presence = best.as_ref().map(|best| best.presence);
-            if presence.is_some_and(|presence| presence > CERTAIN_PRESENCE) {
-                break;
+            if let Some(found) = best.take_if(|best| best.presence > CERTAIN_PRESENCE)
+                && is_in_mirror(&mut runner, &found.next_region)
+            {
+                return Some(found.next_region);
             }
         }
         best.filter(|best| best.presence > MIN_PRESENCE)
             .map(|best| best.next_region)
+            .filter(|region| is_in_mirror(&mut runner, region))
     }
+}
+
+/// Returns whether the person in a region is found in its mirror image, too
+fn is_in_mirror(runner: &mut Runner, region: &Region) -> bool {
+    let seen = runner.run(region);
+    let mirrored = runner.run(&region.mirror_image());
+    let distance = |[a, b]: [usize; 2]| {
+        let [p, q] = [seen.landmarks[a].position, mirrored.landmarks[b].position];
+        (p[0] - q[0]).hypot(p[1] - q[1]) / region.size()
+    };
+    let both = SIDES.into_iter().flat_map(|[a, b]| [[a, b], [b, a]]);
+    let mut distances: Vec<f64> = both.map(distance).collect();
+    distances.sort_by(f64::total_cmp);
+    let presence = seen.presence.min(mirrored.presence);
+    presence > MIN_PRESENCE && distances[distances.len() / 2] < MAX_MIRRORED_DISTANCE
 }
 
 /// Runs passes that start with a window.
