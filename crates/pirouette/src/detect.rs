@@ -59,10 +59,10 @@ const FACE: [Joint; 3] = [Joint::Nose, Joint::LeftEye, Joint::RightEye];
 /// Position of the detector's points relative to the joints of the skeleton, in permille of the stature
 ///
 /// Left joint or middle one; outward from the middle of the body, up, and forward, in the reference pose; for arms 48
-/// degrees below the horizontal (A-pose), then for level arms (T-pose). Means of the networks `lite`, `full`
-/// and `heavy`, which differ by 1 to 3 permille from them (toes: up to 9), on renders of 24 people of the MakeHuman base
-/// mesh in 8 photos each, per pose; after that, 4 to 13 permille remain. The built-in
-/// mannequin, whose face and feet are simpler, gives values that differ by up to 10 permille (22 for the toes). See
+/// degrees below the horizontal (A-pose), then for level arms (T-pose). Means of the networks `lite`, `full` and `heavy`,
+/// from which each differs by at most 6 permille (toes: 9, elbows of level arms: 12), on renders of 24 people of the
+/// MakeHuman base mesh in 8 photos each, per pose; after that, 4 to 13 permille remain. The built-in mannequin, whose face
+/// and feet are simpler, gives values that differ by up to 10 permille (22 for the toes). See
 /// `examples/detector_offsets.rs` of pirouette-eval.
 const OFFSETS: [(Joint, [f64; 3], [f64; 3]); 11] = [
     (Joint::Nose, [0.0, 1.8, -10.6], [0.0, 1.6, -13.6]),

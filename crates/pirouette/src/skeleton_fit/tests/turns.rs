@@ -91,14 +91,20 @@ fn a_stated_angle_fixes_the_zero() {
     }
 }
 
-#[test]
-fn a_wrong_angle_is_replaced_and_named() {
+/// Eight views at steps of 45 degrees, which are stated, and these angles
+fn stated() -> (Truth, Vec<f64>) {
     let turns: Vec<f64> = (0..8).map(|i| 45.0 * f64::from(i)).collect();
     let mut truth = at(&turns, 3);
     for (view, degrees) in truth.views.iter_mut().zip(&turns) {
         view.turn = TurnAngle::from_degrees(*degrees);
         view.turn_sd_radians = STATED_TURN_SD_DEGREES.to_radians();
     }
+    (truth, turns)
+}
+
+#[test]
+fn a_wrong_angle_is_replaced_and_named() {
+    let (mut truth, turns) = stated();
     let right = try_solve(&truth).unwrap();
     assert_eq!(right.skeleton.wrong_turns, []);
     assert!(
@@ -127,12 +133,7 @@ fn a_wrong_angle_is_replaced_and_named() {
 
 #[test]
 fn an_angle_that_differs_by_less_than_the_detector_errs_is_kept() {
-    let turns: Vec<f64> = (0..8).map(|i| 45.0 * f64::from(i)).collect();
-    let mut truth = at(&turns, 3);
-    for (view, degrees) in truth.views.iter_mut().zip(&turns) {
-        view.turn = TurnAngle::from_degrees(*degrees);
-        view.turn_sd_radians = STATED_TURN_SD_DEGREES.to_radians();
-    }
+    let (mut truth, turns) = stated();
     truth.views[5].turn = TurnAngle::from_degrees(turns[5] + 13.0);
     assert_ne!(try_solve(&truth).unwrap().skeleton.wrong_turns, []);
     for view in &mut truth.views {
