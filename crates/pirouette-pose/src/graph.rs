@@ -15,6 +15,7 @@ use crate::kernels::elementwise::{Pad, add, logistic};
 use crate::kernels::expanded::Expanded;
 use crate::kernels::pool::MaxPool;
 use crate::kernels::resize::Resize;
+use crate::kernels::single::SingleConvolution;
 use crate::kernels::{Activation, Shape};
 use crate::tflite::File;
 
@@ -22,6 +23,7 @@ use crate::tflite::File;
 #[derive(Debug)]
 pub(crate) enum Kernel {
     Convolution(Convolution),
+    Single(SingleConvolution),
     Depthwise(Depthwise),
     Expanded(Expanded),
     MaxPool(MaxPool),
@@ -36,6 +38,7 @@ impl Kernel {
     pub(crate) fn result(&self) -> Shape {
         match self {
             Self::Convolution(k) => k.result(),
+            Self::Single(k) => k.result(),
             Self::Depthwise(k) => k.result(),
             Self::Expanded(k) => k.result(),
             Self::MaxPool(k) => k.window.result(k.input.channels),
@@ -49,6 +52,7 @@ impl Kernel {
     pub(crate) fn work(&self) -> usize {
         match self {
             Self::Convolution(k) => k.work(),
+            Self::Single(k) => k.work(),
             Self::Depthwise(k) => k.work(),
             Self::Expanded(k) => k.work(),
             Self::MaxPool(k) => self.result().len().saturating_mul(k.window.area()),
@@ -60,8 +64,10 @@ impl Kernel {
     pub(crate) fn scratch_len(&self) -> usize {
         match self {
             Self::Convolution(k) => k.scratch_len(),
+            Self::Single(k) => k.scratch_len(),
             Self::Depthwise(k) => k.scratch_len(),
             Self::Expanded(k) => k.scratch_len(),
+            Self::Resize(k) => k.scratch_len(),
             _ => 0,
         }
     }
@@ -70,11 +76,12 @@ impl Kernel {
     pub(crate) fn run(&self, input: &[f32], second: &[f32], out: &mut [f32], scratch: &mut [f32]) {
         match self {
             Self::Convolution(k) => k.run(input, out, scratch),
+            Self::Single(k) => k.run(input, out, scratch),
             Self::Depthwise(k) => k.run(input, out, scratch),
             Self::Expanded(k) => k.run(input, out, scratch),
             Self::MaxPool(k) => k.run(input, out),
             Self::Pad(k) => k.run(input, out),
-            Self::Resize(k) => k.run(input, out),
+            Self::Resize(k) => k.run(input, out, scratch),
             Self::Add(_, activation) => add(input, second, *activation, out),
             Self::Logistic(_) => out
                 .iter_mut()

@@ -10,6 +10,7 @@ use crate::kernels::depthwise::Depthwise;
 use crate::kernels::elementwise::Pad;
 use crate::kernels::pool::MaxPool;
 use crate::kernels::resize::{Alignment, Resize};
+use crate::kernels::single::SingleConvolution;
 use crate::kernels::window::{Padding, Span, Window};
 use crate::tflite::{File, Tensor, code};
 
@@ -385,10 +386,16 @@ impl<'a> Builder<'a> {
             sizes,
         } = self.weights(site, [None, None, None, Some(shape.channels)])?;
         let window = self.window(site, shape, [sizes[1], sizes[2]], pads)?;
-        let kernel = Convolution::new(shape, window, &weights, &bias, site.activation(3)?);
+        let activation = site.activation(3)?;
+        let kernel = match bias[..] {
+            [bias] => SingleConvolution::new(shape, window, &weights, bias, activation)
+                .map(Kernel::Single),
+            _ => Convolution::new(shape, window, &weights, &bias, activation)
+                .map(Kernel::Convolution),
+        };
         let kernel =
             kernel.ok_or_else(|| site.wrong_shape("the biases", &[bias.len()], &sizes[..1]))?;
-        self.add_node(site, Kernel::Convolution(kernel), [input, input])
+        self.add_node(site, kernel, [input, input])
     }
 
     fn add_depthwise(&mut self, site: Site) -> Result<(), ModelError> {

@@ -11,6 +11,7 @@ pub(crate) mod expanded;
 pub(crate) mod matrix;
 pub(crate) mod pool;
 pub(crate) mod resize;
+pub(crate) mod single;
 pub(crate) mod window;
 
 /// Size of an image

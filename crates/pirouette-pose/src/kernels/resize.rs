@@ -75,43 +75,46 @@ impl Resize {
         }
     }
 
-    /// Computes the result.
-    pub(crate) fn run(&self, input: &[f32], out: &mut [f32]) {
-        let (channels, row_len) = (self.input.channels, self.input.row_len());
-        for (row, out) in self
-            .rows
-            .iter()
-            .zip(out.chunks_exact_mut(self.result().row_len()))
-        {
-            let top = &input[row.low * row_len..][..row_len];
-            let bottom = &input[row.high * row_len..][..row_len];
-            for (column, out) in self.columns.iter().zip(out.chunks_exact_mut(channels)) {
-                let [left, right] =
-                    [column.low, column.high].map(|x| x * channels..(x + 1) * channels);
-                blend(
-                    [
-                        &top[left.clone()],
-                        &top[right.clone()],
-                        &bottom[left],
-                        &bottom[right],
-                    ],
-                    column.fraction,
-                    row.fraction,
-                    out,
-                );
+    /// Length of the scratch memory
+    pub(crate) fn scratch_len(&self) -> usize {
+        self.result().row_len().saturating_mul(2)
+    }
+
+    /// Computes the result; each row of the input is resampled to `scratch` once, rows of the result are between two.
+    pub(crate) fn run(&self, input: &[f32], out: &mut [f32], scratch: &mut [f32]) {
+        let row_len = self.input.row_len();
+        let out_row_len = self.result().row_len();
+        // Row `i` of the input belongs to slot `i % 2`.
+        let mut resampled = [None; 2];
+        for (row, out) in self.rows.iter().zip(out.chunks_exact_mut(out_row_len)) {
+            for i in [row.low, row.high] {
+                if resampled[i % 2] != Some(i) {
+                    let slot = &mut scratch[i % 2 * out_row_len..][..out_row_len];
+                    self.resample_row(&input[i * row_len..][..row_len], slot);
+                    resampled[i % 2] = Some(i);
+                }
             }
+            let [above, below] =
+                [row.low, row.high].map(|i| &scratch[i % 2 * out_row_len..][..out_row_len]);
+            blend(above, below, row.fraction, out);
+        }
+    }
+
+    /// Interpolates the columns of one row.
+    fn resample_row(&self, row: &[f32], out: &mut [f32]) {
+        let channels = self.input.channels;
+        for (column, out) in self.columns.iter().zip(out.chunks_exact_mut(channels)) {
+            let [left, right] = [column.low, column.high].map(|x| &row[x * channels..][..channels]);
+            blend(left, right, column.fraction, out);
         }
     }
 }
 
-/// Interpolates each channel between the top left, top right, bottom left and bottom right pixel.
+/// Interpolates each value between those of `low` and `high`.
 #[inline(always)]
-fn blend(corners: [&[f32]; 4], to_right: f32, to_bottom: f32, out: &mut [f32]) {
-    let [top_left, top_right, bottom_left, bottom_right] = corners.map(|pixel| &pixel[..out.len()]);
-    for (c, out) in out.iter_mut().enumerate() {
-        let above = top_left[c] + (top_right[c] - top_left[c]) * to_right;
-        let below = bottom_left[c] + (bottom_right[c] - bottom_left[c]) * to_right;
-        *out = above + (below - above) * to_bottom;
+fn blend(low: &[f32], high: &[f32], fraction: f32, out: &mut [f32]) {
+    for ((out, &low), &high) in out.iter_mut().zip(low).zip(high) {
+        *out = low + (high - low) * fraction;
     }
 }
 
@@ -119,6 +122,12 @@ fn blend(corners: [&[f32]; 4], to_right: f32, to_bottom: f32, out: &mut [f32]) {
 mod tests {
     use super::{Alignment, Resize};
     use crate::kernels::Shape;
+    use crate::kernels::testing::{assert_close, noise};
+    use proptest::prelude::*;
+
+    fn run(resize: &Resize, values: &[f32], out: &mut [f32]) {
+        resize.run(values, out, &mut vec![f32::NAN; resize.scratch_len()]);
+    }
 
     fn resized(values: &[f32], width: usize, alignment: Alignment) -> Vec<f32> {
         let shape = Shape {
@@ -127,9 +136,11 @@ mod tests {
             channels: 1,
         };
         let mut out = vec![f32::NAN; width];
-        Resize::new(shape, 1, width, alignment)
-            .unwrap()
-            .run(values, &mut out);
+        run(
+            &Resize::new(shape, 1, width, alignment).unwrap(),
+            values,
+            &mut out,
+        );
         out
     }
 
@@ -157,9 +168,44 @@ mod tests {
             channels: 2,
         };
         let mut out = [0.0; 6];
-        Resize::new(shape, 3, 1, Alignment::Corners)
-            .unwrap()
-            .run(&[0.0, 10.0, 2.0, 30.0], &mut out);
+        run(
+            &Resize::new(shape, 3, 1, Alignment::Corners).unwrap(),
+            &[0.0, 10.0, 2.0, 30.0],
+            &mut out,
+        );
         assert_eq!(out, [0.0, 10.0, 1.0, 20.0, 2.0, 30.0]);
+    }
+
+    proptest! {
+        #[test]
+        fn run_equals_the_weighted_mean_of_four_pixels(
+            (height, width, channels) in (1usize..9, 1usize..9, 1usize..12),
+            (to_height, to_width) in (1usize..20, 1usize..20),
+            alignment in prop_oneof![
+                Just(Alignment::HalfPixel), Just(Alignment::Corners), Just(Alignment::Origin)
+            ],
+            seed: u64,
+        ) {
+            let shape = Shape { height, width, channels };
+            let resize = Resize::new(shape, to_height, to_width, alignment).unwrap();
+            let values = noise(shape.len(), seed);
+            let mut expected = Vec::new();
+            for row in &resize.rows {
+                for column in &resize.columns {
+                    for c in 0..channels {
+                        let value = |y: usize, x: usize| values[(y * width + x) * channels + c];
+                        expected.push(
+                            (1.0 - row.fraction) * (1.0 - column.fraction) * value(row.low, column.low)
+                                + (1.0 - row.fraction) * column.fraction * value(row.low, column.high)
+                                + row.fraction * (1.0 - column.fraction) * value(row.high, column.low)
+                                + row.fraction * column.fraction * value(row.high, column.high),
+                        );
+                    }
+                }
+            }
+            let mut out = vec![f32::NAN; expected.len()];
+            run(&resize, &values, &mut out);
+            assert_close(&out, &expected, 1e-5);
+        }
     }
 }
