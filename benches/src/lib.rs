@@ -331,6 +331,7 @@ fn segment_views<'a>(synthetic: &'a SyntheticScan, priors: &'a [Mask]) -> Vec<Se
             keypoints: &view.keypoints,
             prior: Some(prior),
             mask: None,
+            person_odds: None,
         })
         .collect()
 }

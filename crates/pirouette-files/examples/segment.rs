@@ -26,6 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         keypoints: &view.keypoints,
         prior: None,
         mask: view.mask.as_ref(),
+        person_odds: view.person_odds.as_ref(),
     });
     let views: Vec<SegmentView> = views.collect();
     let found = segment(&views, None, &SegmentOptions::default(), &|| false);

@@ -299,7 +299,9 @@ pub(crate) fn detect(
         let mut on_event = progress.lock().unwrap_or_else(PoisonError::into_inner);
         on_event(JobEvent::Pipeline(Event::StepDone { stage }));
     };
-    let found = detect_keypoints(model, &photos, &step, &|| cancel.cancelled());
+    // Photos of one scene have a clean plate, which knows more.
+    let single = loaded.scan.views.len() < 2 || !loaded.scan.has_one_shape();
+    let found = detect_keypoints(model, &photos, single, &step, &|| cancel.cancelled());
     if cancel.cancelled() {
         return Err(PipelineError::Cancelled);
     }
@@ -310,8 +312,10 @@ pub(crate) fn detect(
         });
     }
     let mut rejected = Vec::new();
-    for (index, found) in indices.into_iter().zip(found.keypoints) {
+    let found = found.keypoints.into_iter().zip(found.person_odds);
+    for (index, (found, person_odds)) in indices.into_iter().zip(found) {
         let view = &mut loaded.scan.views[index];
+        view.person_odds = person_odds;
         match found {
             Some(keypoints) => {
                 view.keypoints = keypoints;

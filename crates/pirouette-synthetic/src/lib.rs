@@ -174,6 +174,7 @@ pub fn synthesize_in(
                 keypoints_from: KeypointSource::Given,
                 keypoint_kind: KeypointKind::default(),
                 mask: painted.is_none().then(|| silhouette.clone()),
+                person_odds: None,
             };
             (view, pose, silhouette, canonical)
         })

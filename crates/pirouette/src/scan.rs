@@ -3,6 +3,7 @@
 use pirouette_geom::{Grid, Mask};
 
 use pirouette_body::{Keypoints, ReferencePose, Sex, TurnAngle};
+use pirouette_segment::seeds::LogOdds;
 
 /// RGB pixels as given, after applying the EXIF orientation
 pub type Photo = Grid<[u8; 3]>;
@@ -34,6 +35,16 @@ impl Scan {
     /// Returns the number of given views, including unusable ones
     pub fn given_view_count(&self) -> usize {
         self.views.len() + self.unusable_view_count
+    }
+
+    /// Returns whether all photos have nearly the same ratio of width to height
+    pub fn has_one_shape(&self) -> bool {
+        let mut shapes = self.views.iter().map(|view| {
+            let (width, height) = (view.photo.width(), view.photo.height());
+            width as f64 / height as f64
+        });
+        let first = shapes.next();
+        first.is_none_or(|first| shapes.all(|shape| (shape / first - 1.0).abs() < 0.02))
     }
 }
 
@@ -142,6 +153,8 @@ pub struct View {
     pub keypoint_kind: KeypointKind,
     /// A given silhouette, size of `photo`; replaces segmentation
     pub mask: Option<Mask>,
+    /// Log odds of each pixel of `photo` to show the person, by a detector; supports the segmentation of single photos
+    pub person_odds: Option<Grid<LogOdds>>,
 }
 
 impl View {

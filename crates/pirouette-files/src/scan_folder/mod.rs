@@ -308,6 +308,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
                     keypoints_from: KeypointSource::Given,
                     keypoint_kind: loaded.keypoint_kind,
                     mask: loaded.mask,
+                    person_odds: None,
                 });
             }
             Err(reason) => failed.push(FailedView {

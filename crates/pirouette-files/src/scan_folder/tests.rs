@@ -514,6 +514,7 @@ fn a_written_scan_reads_back_unchanged() {
             50,
             (0..2000).map(|i| i % 3 == 0).collect(),
         )),
+        person_odds: None,
     };
     let scan = Scan {
         pose: pirouette_body::ReferencePose::T,
@@ -613,6 +614,7 @@ fn keypoints_of_a_shrunk_photo_are_those_of_the_input() {
         keypoints_from: KeypointSource::BlazePose,
         keypoint_kind: KeypointKind::MediaPipe,
         mask: None,
+        person_odds: None,
     };
     assert_eq!(
         keypoints_in_input(&view, &view.keypoints).get(Joint::Nose),

@@ -166,6 +166,7 @@ impl Job<'_> {
                         keypoints,
                         prior: Some(prior),
                         mask: view.mask.as_ref(),
+                        person_odds: view.person_odds.as_ref(),
                     }
                 })
                 .collect();

@@ -129,16 +129,6 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// Returns whether all photos have the aspect ratio of one camera
-    fn one_shape(&self) -> bool {
-        let mut shapes = self.scan.views.iter().map(|view| {
-            let (width, height) = (view.photo.width(), view.photo.height());
-            width as f64 / height as f64
-        });
-        let first = shapes.next();
-        first.is_none_or(|first| shapes.all(|shape| (shape / first - 1.0).abs() < 0.02))
-    }
-
     pub(super) fn make_avatar(&mut self) -> Result<Avatar, PipelineError> {
         let (scan, source) = (self.scan, &self.config.avatar);
         let (avatar, hull) = self.stage(Stage::Avatar, 1, |_| make_avatar(scan, source))??;
@@ -154,7 +144,7 @@ impl<'a> Job<'a> {
         avatar: &Avatar,
     ) -> Result<Option<(Skeleton, Vec<SkeletonView>)>, PipelineError> {
         let scan = self.scan;
-        if self.config.goal == Goal::Segment && !self.one_shape() {
+        if self.config.goal == Goal::Segment && !self.scan.has_one_shape() {
             return Ok(None);
         }
         let found = self.stage(Stage::SkeletonFit, 1, |_| {
@@ -228,6 +218,7 @@ impl<'a> Job<'a> {
                         keypoints: &view.keypoints,
                         prior: priors.get(index),
                         mask: view.mask.as_ref(),
+                        person_odds: view.person_odds.as_ref(),
                     })
                     .collect();
                 segment(&views, scan.background.as_ref(), &options, &|| {
@@ -263,7 +254,7 @@ impl<'a> Job<'a> {
     pub(super) fn segment_options(&self) -> SegmentOptions {
         SegmentOptions {
             // Photos of different cameras have neither colors nor background in common.
-            single: self.config.segment.single || !self.one_shape(),
+            single: self.config.segment.single || !self.scan.has_one_shape(),
             ..self.config.segment
         }
     }

@@ -34,6 +34,8 @@ pub struct SegmentView<'a> {
     pub prior: Option<&'a Mask>,
     /// A given silhouette, size of the photo; it is the result, and supports the other views
     pub mask: Option<&'a Mask>,
+    /// Log odds of each pixel to show the person, size of the photo; used if the photo is segmented separately
+    pub person_odds: Option<&'a Grid<LogOdds>>,
 }
 
 /// Options of the segmentation; every ingredient can be disabled
@@ -164,7 +166,8 @@ impl From<GrabCutError> for SegmentError {
 
 /// Finds the silhouette of the person in every view
 ///
-/// Several views are segmented as one scene, with its `background` if it is given; a single one is segmented separately. `cancelled` is polled regularly.
+/// Several views are segmented as one scene, with its `background` if it is given; a single one is segmented separately,
+/// with the detector's log odds. `cancelled` is polled regularly.
 ///
 /// # Source
 /// Seeds: Zwettler et al. 2021, section on segmentation. Cut: C. Rother, V. Kolmogorov, A. Blake, 2004, GrabCut.
@@ -203,7 +206,7 @@ pub fn segment(
             Ok(Silhouette {
                 mask,
                 soft: Windowed::new(&soft),
-                prior_used: prepared.odds.is_some(),
+                prior_used: prepared.prior_used,
                 seeds: (!prepared.given).then_some(prepared.seeds),
             })
         })
@@ -310,6 +313,7 @@ struct Prepared {
     odds: Option<Grid<LogOdds>>,
     scale: f64,
     given: bool,
+    prior_used: bool,
 }
 
 impl Prepared {
@@ -327,10 +331,14 @@ impl Prepared {
                 odds: None,
                 scale: (y1 - y0) as f64 / NOMINAL_STATURE_PX,
                 given: true,
+                prior_used: false,
             });
         }
         if let Some(prior) = view.prior {
             check_size("prior", view.photo, prior)?;
+        }
+        if let Some(odds) = view.person_odds {
+            check_size("log odds", view.photo, odds)?;
         }
         let colors = view.photo.as_slice();
         if colors.iter().all(|color| Some(color) == colors.first()) {
@@ -341,23 +349,29 @@ impl Prepared {
         let scale = prior
             .and_then(stature_px)
             .map_or(lines.scale(), |px| px / NOMINAL_STATURE_PX);
-        if let Some(prior) = prior.and_then(|prior| Prior::new(prior, &lines, scale, fit)) {
-            return Ok(Self {
-                seeds: prior.seeds,
-                odds: Some(prior.odds),
-                scale,
-                given: false,
-            });
-        }
-        let seeds = lines.seeds(width, height);
-        if !seeds.as_slice().iter().any(|seed| seed.person()) {
-            return Err(SegmentError::Outside { width, height });
-        }
+        let posed = prior.and_then(|prior| Prior::new(prior, &lines, scale, fit));
+        let prior_used = posed.is_some();
+        let scale = if prior_used { scale } else { lines.scale() };
+        let Prior { seeds, odds } = match (posed, view.person_odds) {
+            (Some(posed), Some(detected)) if fit.uses_person_odds => posed.with_detected(detected),
+            (Some(posed), _) => posed,
+            (None, detected) => {
+                let seeds = lines.seeds(width, height);
+                if !seeds.as_slice().iter().any(|seed| seed.person()) {
+                    return Err(SegmentError::Outside { width, height });
+                }
+                match detected.filter(|_| fit.uses_person_odds) {
+                    Some(detected) => Prior::of_seeds(seeds).with_detected(detected),
+                    None => Prior::of_seeds(seeds),
+                }
+            }
+        };
         Ok(Self {
             seeds,
-            odds: None,
-            scale: lines.scale(),
+            odds,
+            scale,
             given: false,
+            prior_used,
         })
     }
 }

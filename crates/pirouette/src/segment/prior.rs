@@ -21,6 +21,8 @@ pub(super) struct PriorFit {
     odds_length_px: f64,
     /// Largest contribution of the avatar, as log odds
     max_log_odds: f32,
+    /// Whether the detector's log odds are added
+    pub(super) uses_person_odds: bool,
 }
 
 impl PriorFit {
@@ -36,6 +38,7 @@ impl PriorFit {
         even_px: 0.0,
         odds_length_px: 12.0,
         max_log_odds: 2.5,
+        uses_person_odds: false,
     };
 
     /// One photo of any person: hair, coats, wide trousers and bags that no avatar has
@@ -51,6 +54,7 @@ impl PriorFit {
         even_px: 5.0,
         odds_length_px: 10.0,
         max_log_odds: 2.0,
+        uses_person_odds: true,
     };
 }
 
@@ -60,11 +64,22 @@ const MISFIT_PX: f64 = 12.0;
 /// A larger share of the bones outside the avatar indicates another pose
 const MAX_MISFIT_SHARE: f64 = 0.1;
 
+/// Largest contribution of the detector, as log odds
+///
+/// From 26 street photos: mean IoU 0.928 without the detector's mask, 0.945 with 2 and half of the log odds, 0.954 with 3
+/// or 5.
+const MAX_DETECTED: f32 = 3.0;
+
+/// Detected log odds below which a pixel under the avatar or a bone may be background: a misplaced joint would make the
+/// person behind it part of the silhouette
+const CONTRADICTS: f32 = -2.0;
+
 /// Seeds and odds of one view
 #[derive(Debug)]
 pub(super) struct Prior {
     pub(super) seeds: Grid<Seed>,
-    pub(super) odds: Grid<LogOdds>,
+    /// `None` is even odds everywhere
+    pub(super) odds: Option<Grid<LogOdds>>,
 }
 
 impl Prior {
@@ -132,6 +147,33 @@ impl Prior {
         if misfits as f64 > MAX_MISFIT_SHARE * met as f64 {
             return None;
         }
-        Some(Self { seeds, odds })
+        Some(Self {
+            seeds,
+            odds: Some(odds),
+        })
+    }
+
+    /// Takes seeds that no avatar supports.
+    pub(super) fn of_seeds(seeds: Grid<Seed>) -> Self {
+        Self { seeds, odds: None }
+    }
+
+    /// Adds a detector's log odds of each pixel to show the person; seeds that they contradict become undecided.
+    pub(super) fn with_detected(self, detected: &Grid<LogOdds>) -> Self {
+        let Self { mut seeds, odds } = self;
+        let even = || Grid::filled(seeds.width(), seeds.height(), LogOdds::default());
+        let mut odds = odds.unwrap_or_else(even);
+        let pixels = seeds.as_mut_slice().iter_mut().zip(odds.as_mut_slice());
+        for ((seed, odds), detected) in pixels.zip(detected.as_slice()) {
+            let detected = detected.value().clamp(-MAX_DETECTED, MAX_DETECTED);
+            *odds = LogOdds::new(odds.value() + detected);
+            if *seed == Seed::Person && detected < CONTRADICTS {
+                *seed = Seed::ProbableBackground;
+            }
+        }
+        Self {
+            seeds,
+            odds: Some(odds),
+        }
     }
 }

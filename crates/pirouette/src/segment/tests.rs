@@ -71,6 +71,7 @@ fn view<'a>(photo: &'a Photo, keypoints: &'a Keypoints) -> SegmentView<'a> {
         keypoints,
         prior: None,
         mask: None,
+        person_odds: None,
     }
 }
 
@@ -111,6 +112,35 @@ fn a_scan_uses_the_avatar_unless_the_pose_differs() {
         let iou = result.as_ref().unwrap().mask.iou(truth);
         assert!(iou > 0.93, "{iou}");
     }
+}
+
+#[test]
+fn the_log_odds_of_a_detector_keep_other_people_out_of_a_single_photo() {
+    let truth = truth(60.0);
+    let others = |x: usize, y: usize| !(20..84).contains(&x) && (40..130).contains(&y);
+    let people = Mask::from_fn(WIDTH, HEIGHT, |x, y| truth[(x, y)] || others(x, y));
+    let (photo, mut keypoints) = (photo(&people), keypoints(60.0));
+    // A wrist is placed on another person.
+    let position = DVec2::new(98.0, 80.0);
+    let keypoint = Keypoint {
+        position,
+        confidence: 0.9,
+    };
+    keypoints.set(Joint::LeftWrist, keypoint);
+    let odds = truth.map(|&person| LogOdds::new(if person { 4.0 } else { -4.0 }));
+    let pixels_of_others = |person_odds| {
+        let view = SegmentView {
+            person_odds,
+            ..view(&photo, &keypoints)
+        };
+        let found = segment_all(&[view]).remove(0).unwrap().mask;
+        let pixels = (0..WIDTH * HEIGHT).map(|i| (i % WIDTH, i / WIDTH));
+        pixels
+            .filter(|&(x, y)| found[(x, y)] && others(x, y))
+            .count()
+    };
+    assert!(pixels_of_others(None) > 100);
+    assert_eq!(pixels_of_others(Some(&odds)), 0);
 }
 
 #[test]

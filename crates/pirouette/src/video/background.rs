@@ -87,7 +87,7 @@ pub(super) fn combine(frames: &[Photo], model: &PoseModel) -> Option<Background>
         .par_iter()
         .filter(|frame| frame.same_size(first))
         .map(|frame| {
-            let person = detect_in(model, frame, None, true);
+            let person = detect_in(model, frame, None, true, false);
             let person = person.map(|found| to_keypoints(&found.landmarks));
             columns_beside(person.as_ref(), width)
         })

@@ -134,7 +134,8 @@ impl Surveyor<'_> {
         if self.region.is_none() {
             // A search without success takes as long as the detection in all frames of the batch.
             let middle = batch.get(batch.len() / 2);
-            let found = middle.and_then(|(_, photo)| detect_in(self.model, photo, None, true));
+            let found =
+                middle.and_then(|(_, photo)| detect_in(self.model, photo, None, true, false));
             self.region = found.map(|found| found.next_region);
         }
         let Some(region) = self.region else {
@@ -142,7 +143,7 @@ impl Surveyor<'_> {
         };
         let found: Vec<Option<Detection>> = batch
             .par_iter()
-            .map(|(_, photo)| detect_in(self.model, photo, Some(region), false))
+            .map(|(_, photo)| detect_in(self.model, photo, Some(region), false, false))
             .collect();
         self.region = found.iter().flatten().last().map(|found| found.next_region);
         for ((position, _), found) in batch.iter().zip(found) {
