@@ -19,6 +19,7 @@ use pirouette_files::job::JobOptions;
 use pirouette_files::results::ResultOptions;
 use pirouette_files::sink::{make_folder, write_atomic};
 use serde_json::{Value, json};
+use std::path::Path;
 
 use crate::args::{
     EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs,
@@ -169,6 +170,11 @@ fn eval_tapes(
     Ok((text.join("\n\n"), value))
 }
 
+fn read_json(path: &Path) -> Result<Value> {
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    serde_json::from_slice(&bytes).with_context(|| format!("{} is no JSON", path.display()))
+}
+
 fn eval_faults(
     args: &EvalFaultsArgs,
     progress: &Progress,
@@ -182,7 +188,12 @@ fn eval_faults(
         views: usize::from(args.views),
         groups: Group::ALL.into_iter().filter(selected).collect(),
     };
-    let study = faults::study(&options, cancel, &mut |step| show(progress, &step))?;
+    let study = if args.join.is_empty() {
+        faults::study(&options, cancel, &mut |step| show(progress, &step))?
+    } else {
+        let parts: Result<Vec<Value>> = args.join.iter().map(|path| read_json(path)).collect();
+        faults::join(&parts?)?
+    };
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot create the folder {}", folder.display()))?;
@@ -193,6 +204,7 @@ fn eval_faults(
     let value = json!({
         "ok": true,
         "table": "faults",
+        "views": study.views,
         "tables": tables,
         "captures": study.captures,
     });

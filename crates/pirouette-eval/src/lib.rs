@@ -48,6 +48,14 @@ pub enum StudyError {
     /// No people or no views
     #[error("the study has no people or no views; provide at least one of each")]
     Nothing,
+    /// A part of a study that cannot be joined with the others
+    #[error("part {} is {what}", index + 1)]
+    Part {
+        /// Index of the part
+        index: usize,
+        /// What it is instead
+        what: &'static str,
+    },
 }
 
 /// Runs all jobs on the threads of the current pool and returns the results in the order of the jobs

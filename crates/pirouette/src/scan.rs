@@ -78,6 +78,8 @@ pub struct Subject {
     pub mass_kg: Option<f64>,
     /// Age, in years
     pub age_years: Option<f64>,
+    /// Standard deviation of the stated stature, in mm; if `None`, that of statures as people remember them
+    pub stature_sd_mm: Option<f64>,
 }
 
 /// Known camera parameters; the others are estimated

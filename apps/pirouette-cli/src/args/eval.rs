@@ -145,6 +145,10 @@ pub struct EvalFaultsArgs {
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = Group::ALL.map(Group::name))]
     pub only: Vec<String>,
 
+    /// Scan nothing, but join the results of other people, each written by `eval faults --skip N --json`
+    #[arg(long, value_name = "FILES", value_delimiter = ',', conflicts_with_all = ["people", "skip", "views", "only"])]
+    pub join: Vec<PathBuf>,
+
     /// Folder for faults.md; if omitted, the tables are only printed
     #[arg(short, long, value_name = "DIR")]
     pub out: Option<PathBuf>,

@@ -212,6 +212,9 @@ optional; without `views`, the photos are used in the order of their names:
     \"views\": [ { \"image\": \"000.jpg\", \"keypoints\": \"000_keypoints.json\", \"angle_deg\": 0,
                  \"mask\": \"000_mask.png\" } ] }
 
+A stature is assumed to be as people state it, with a standard deviation of 12 mm; if it was measured, say so by
+\"stature_sd_mm\": 5 beside it, which reduces the standard deviations of all measures.
+
 Turn angles that are unknown are `\"angle_deg\": null`, or `--angles unknown` for all: they are found by the joints of at least
 four photos, and turn 0 is where the person faces the camera, or as the stated angles have it. Stated angles are a prior: their
 standard deviation is `\"angle_sd_deg\": 5`, beside `views`; clearly wrong ones are reported and replaced by those found.

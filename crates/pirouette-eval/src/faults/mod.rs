@@ -74,6 +74,8 @@ impl Default for FaultsOptions {
 /// Results of the study
 #[derive(Debug, Clone)]
 pub struct FaultsStudy {
+    /// Views of each person
+    pub views: usize,
     /// The tables, in the order of the page
     pub tables: Vec<Table>,
     /// Every capture, as JSON
@@ -433,6 +435,49 @@ pub fn study(
         return Err(StudyError::Cancelled);
     }
     Ok(page::write_study(options, &faults, &found))
+}
+
+/// Joins studies of different people, from the JSON that `pirouette eval faults --json` prints for each
+///
+/// # Errors
+/// When there is none, one is no such JSON, or the studies have people in common or differ in their views.
+pub fn join(parts: &[Value]) -> Result<FaultsStudy, StudyError> {
+    let faults = faults(&Group::ALL);
+    let mut found: Vec<Found> = Vec::new();
+    let mut views = None;
+    for (index, part) in parts.iter().enumerate() {
+        let not = |what: &'static str| StudyError::Part { index, what };
+        let of_part = part["views"].as_u64().map(|views| views as usize);
+        let captures = part["captures"].as_array().zip(of_part);
+        let (captures, of_part) = captures.ok_or(not("no result of `eval faults --json`"))?;
+        if *views.get_or_insert(of_part) != of_part {
+            return Err(not("of another number of views than the first"));
+        }
+        let captures: Option<Vec<Found>> = captures
+            .iter()
+            .map(|capture| page::read_capture(&faults, capture))
+            .collect();
+        let captures = captures.ok_or(not("of another version of this study"))?;
+        if captures
+            .iter()
+            .any(|new| found.iter().any(|old| old.seed == new.seed))
+        {
+            return Err(not("of a person who is also in an earlier part"));
+        }
+        found.extend(captures);
+    }
+    found.sort_by_key(|found| found.seed);
+    let mut seeds: Vec<u64> = found.iter().map(|found| found.seed).collect();
+    seeds.dedup();
+    let Some(views) = views.filter(|_| !found.is_empty()) else {
+        return Err(StudyError::Nothing);
+    };
+    let options = FaultsOptions {
+        people: seeds.len(),
+        views,
+        ..FaultsOptions::default()
+    };
+    Ok(page::write_study(&options, &faults, &found))
 }
 
 fn describe(fault: &Fault, found: &Found) -> String {

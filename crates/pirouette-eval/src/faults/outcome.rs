@@ -101,7 +101,7 @@ pub(super) struct Judged {
     /// Why there are no measurements
     pub(super) reason: Option<String>,
     /// Codes of all warnings, each once, sorted
-    pub(super) warnings: Vec<&'static str>,
+    pub(super) warnings: Vec<String>,
     /// Mean overlap of the body with the silhouettes
     pub(super) overlap: Option<f64>,
     /// The available ones of [`MEASURES`]
@@ -162,7 +162,7 @@ pub(super) fn judge(done: &Result<FinishedJob, JobError>, truth: &[(Measure, f64
     Judged {
         outcome: outcome(reason.is_some(), &warnings, &measured),
         reason,
-        warnings,
+        warnings: warnings.into_iter().map(str::to_owned).collect(),
         overlap: report.mean_fit_iou(),
         measured,
     }

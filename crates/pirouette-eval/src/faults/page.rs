@@ -5,8 +5,8 @@ use std::fmt::Write;
 use pirouette::measure::Measure;
 use serde_json::{Value, json};
 
-use super::outcome::{MAX_DEVIATIONS, MEASURES, MIN_ERROR_MM, Measured, Outcome, name_of};
-use super::{BMI, Fault, FaultsOptions, FaultsStudy, Found, Strength};
+use super::outcome::{Judged, MAX_DEVIATIONS, MEASURES, MIN_ERROR_MM, Measured, Outcome, name_of};
+use super::{BMI, Case, Fault, FaultsOptions, FaultsStudy, Found, Strength};
 use crate::table::{Cell, Table, capitalized, percentile};
 
 pub(super) fn write_study(
@@ -20,6 +20,7 @@ pub(super) fn write_study(
         wrong(faults, found),
     ];
     FaultsStudy {
+        views: options.views,
         captures: found.iter().map(|f| value(faults, f)).collect(),
         page: page(options, faults, found, &tables),
         tables,
@@ -223,10 +224,12 @@ fn page(options: &FaultsOptions, faults: &[Fault], found: &[Found], tables: &[Ta
 
 /// Returns one capture as JSON
 fn value(faults: &[Fault], found: &Found) -> Value {
-    let rounded = |value: f64| (value * 100.0).round() / 100.0;
+    // Much less than what the outcome depends on
+    let rounded = |value: f64| (value * 1e4).round() / 1e4;
     let fault = &faults[found.case.fault];
     let judged = &found.judged;
     let mut value = json!({
+        "person": found.person,
         "seed": found.seed,
         "group": fault.group.map(super::Group::name),
         "kind": fault.kind,
@@ -247,10 +250,46 @@ fn value(faults: &[Fault], found: &Found) -> Value {
     value
 }
 
+/// Reads a capture that [`value`] has written; `None` if the value is another, or of a fault that is not in `faults`
+pub(super) fn read_capture(faults: &[Fault], value: &Value) -> Option<Found> {
+    let text = |key: &str| value[key].as_str();
+    let fault = faults.iter().position(|fault| {
+        fault.group.map(super::Group::name) == text("group") && Some(fault.kind) == text("kind")
+    })?;
+    let of_strength =
+        |strength: &Strength| Some(strength.pick(faults[fault].strengths)) == text("strength");
+    let strength = Strength::ALL.into_iter().find(of_strength)?;
+    let outcome = |outcome: &Outcome| Some(outcome.name()) == text("outcome");
+    let warnings = value["warnings"].as_array()?.iter();
+    let measured = |&measure: &Measure| {
+        let found = value["measures"].get(measure.name())?;
+        Some(Measured {
+            measure,
+            true_mm: found["true_mm"].as_f64()?,
+            value_mm: found["value_mm"].as_f64()?,
+            sd_mm: found["sd_mm"].as_f64(),
+        })
+    };
+    Some(Found {
+        person: text("person")?.to_owned(),
+        seed: value["seed"].as_u64()?,
+        states_camera: value["camera_stated"].as_bool()?,
+        case: Case { fault, strength },
+        judged: Judged {
+            outcome: Outcome::ALL.into_iter().find(outcome)?,
+            reason: text("reason").map(str::to_owned),
+            warnings: warnings
+                .filter_map(|w| w.as_str().map(str::to_owned))
+                .collect(),
+            overlap: value["overlap"].as_f64(),
+            measured: MEASURES.iter().filter_map(measured).collect(),
+        },
+    })
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::outcome::Judged;
-    use super::super::{Case, Group, faults};
+    use super::super::{Group, faults, join};
     use super::*;
 
     fn found(fault: usize, outcome: Outcome, error_mm: f64, sd_mm: f64) -> Found {
@@ -265,7 +304,7 @@ mod tests {
             judged: Judged {
                 outcome,
                 reason: None,
-                warnings: vec!["blurred"],
+                warnings: vec!["blurred".to_owned()],
                 overlap: Some(0.97),
                 measured: vec![Measured {
                     measure: Measure::WaistGirth,
@@ -303,5 +342,34 @@ mod tests {
         assert_eq!(study.captures[1]["outcome"], "wrong");
         assert_eq!(study.captures[1]["measures"]["waist_girth"]["sd_mm"], 8.0);
         assert_eq!(study.captures[0]["group"], Value::Null);
+    }
+
+    #[test]
+    fn a_study_joined_from_its_parts_is_the_whole() {
+        let faults = faults(&Group::ALL);
+        let of_person = |seed: u64| {
+            let captures = [(0, Outcome::Right, 3.0), (4, Outcome::Wrong, -31.0)];
+            captures.map(|(fault, outcome, error_mm)| Found {
+                seed,
+                person: format!("person {seed}"),
+                ..found(fault, outcome, error_mm, 8.0)
+            })
+        };
+        let options = FaultsOptions {
+            people: 2,
+            ..FaultsOptions::default()
+        };
+        let parts = [2, 1].map(|seed| {
+            let study = write_study(&options, &faults, &of_person(seed));
+            json!({ "views": 8, "captures": study.captures })
+        });
+        let whole = [1, 2].map(of_person).concat();
+        let joined = join(&parts).unwrap();
+        assert_eq!(joined.page, write_study(&options, &faults, &whole).page);
+
+        let twice = [&parts[0], &parts[0]].map(Value::clone);
+        for bad in [&twice[..], &[], &[json!({ "views": 8 })]] {
+            assert!(join(bad).is_err());
+        }
     }
 }

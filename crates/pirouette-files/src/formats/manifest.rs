@@ -26,6 +26,7 @@ const CAMERA_DISTANCE_MM: RangeInclusive<f64> = 300.0..=100_000.0;
 const PITCH_DEG: RangeInclusive<f64> = -80.0..=80.0;
 const YAW_DEG: RangeInclusive<f64> = -60.0..=60.0;
 const ANGLE_DEG: RangeInclusive<f64> = -3600.0..=3600.0;
+const STATURE_SD_MM: RangeInclusive<f64> = 1.0..=100.0;
 const ANGLE_SD_DEG: RangeInclusive<f64> = 0.5..=45.0;
 
 /// A checked manifest
@@ -159,6 +160,7 @@ enum PoseName {
 #[serde(deny_unknown_fields)]
 struct SubjectFile {
     stature_mm: Option<f64>,
+    stature_sd_mm: Option<f64>,
     sex: Option<SexName>,
     mass_kg: Option<f64>,
     age_years: Option<f64>,
@@ -210,6 +212,9 @@ pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
             }),
             mass_kg: within(subject.mass_kg, MASS_KG, || "subject.mass_kg".into())?,
             age_years: within(subject.age_years, AGE_YEARS, || "subject.age_years".into())?,
+            stature_sd_mm: within(subject.stature_sd_mm, STATURE_SD_MM, || {
+                "subject.stature_sd_mm".into()
+            })?,
         },
         camera: CameraSetup {
             vertical_fov_radians: within(camera.vertical_fov_deg, VERTICAL_FOV_DEG, || {
@@ -324,7 +329,7 @@ mod tests {
     #[test]
     fn all_keys_are_read() {
         let manifest = parse_manifest(
-            br#"{ "pose": "t", "subject": { "stature_mm": 1748.0, "sex": "male", "mass_kg": 81, "age_years": 44 },
+            br#"{ "pose": "t", "subject": { "stature_mm": 1748.0, "stature_sd_mm": 4, "sex": "male", "mass_kg": 81, "age_years": 44 },
                  "camera": { "mm_per_px": 2.1, "vertical_fov_deg": 50.0, "height_mm": 890, "distance_mm": 2400.0, "pitch_deg": -5 },
                  "views": [ { "image": "a/000.jpg", "keypoints": "k.json", "angle_deg": 45, "mask": "m.png" } ] }"#,
         )
@@ -339,6 +344,7 @@ mod tests {
             (Some(Sex::Male), Some(81.0))
         );
         assert_eq!(subject.age_years, Some(44.0));
+        assert_eq!(subject.stature_sd_mm, Some(4.0));
         let pitch = manifest.camera.pitch_radians.unwrap();
         assert!((pitch.to_degrees() + 5.0).abs() < 1e-9);
         let view = &manifest.views.unwrap()[0];

@@ -41,13 +41,17 @@ pub fn measurements_json(measurements: &Measurements, advice: &[Advice]) -> Valu
         sex,
         mass_kg,
         age_years,
+        stature_sd_mm,
     } = measurements.subject;
-    if sex.is_some() || mass_kg.is_some() || age_years.is_some() {
+    if measurements.subject != Subject::default() {
         file["subject"] = json!({
             "sex": sex.map(|sex| sex.name()),
             "mass_kg": mass_kg,
             "age_years": age_years,
         });
+        if let Some(sd_mm) = stature_sd_mm {
+            file["subject"]["stature_sd_mm"] = json!(sd_mm);
+        }
     }
     if !advice.is_empty() {
         file["sizes"] = json!(advice);

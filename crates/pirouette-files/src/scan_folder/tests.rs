@@ -525,6 +525,7 @@ fn a_written_scan_reads_back_unchanged() {
             sex: Some(Sex::Female),
             mass_kg: Some(61.5),
             age_years: Some(30.0),
+            stature_sd_mm: Some(4.0),
         },
         camera: CameraSetup {
             vertical_fov_radians: Some(0.75),

@@ -139,6 +139,7 @@ fn manifest_of(scan: &Scan) -> serde_json::Value {
         ("stature_mm", scan.stature_mm),
         ("mass_kg", scan.subject.mass_kg),
         ("age_years", scan.subject.age_years),
+        ("stature_sd_mm", scan.subject.stature_sd_mm),
     ];
     for (key, value) in subject {
         if let Some(value) = value {

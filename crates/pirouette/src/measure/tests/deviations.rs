@@ -27,6 +27,28 @@ fn uncertain_keypoints_widen_the_standard_deviations_and_change_no_value() {
 }
 
 #[test]
+fn a_stature_of_stated_accuracy_scales_the_standard_deviations() {
+    let avatar = woman(1640.0);
+    let measured = |stature_sd_mm| {
+        measure(&MeasureInput {
+            subject: Subject {
+                stature_sd_mm,
+                ..Subject::default()
+            },
+            ..input_of(&avatar, &[], BodySource::Fitted)
+        })
+    };
+    let (usual, sure, unsure) = (measured(None), measured(Some(2.0)), measured(Some(20.0)));
+    let sd_mm = |found: &Measurements, measure| found.get(measure).sd_mm.unwrap();
+    let of_stature = [&sure, &usual, &unsure].map(|found| sd_mm(found, Measure::Stature));
+    assert_eq!(of_stature, [2.0, 12.0, 20.0]);
+    let [sure_mm, unsure_mm] = [&sure, &unsure].map(|found| sd_mm(found, Measure::HipGirth));
+    let hip_mm = usual.get(Measure::HipGirth).value_mm.unwrap();
+    let added = (20.0_f64.powi(2) - 2.0_f64.powi(2)) * (hip_mm / 1640.0).powi(2);
+    assert!((unsure_mm.powi(2) - sure_mm.powi(2) - added).abs() < 1e-6 * added);
+}
+
+#[test]
 fn statistics_apply_only_with_given_sex_and_mass_and_are_reported() {
     let avatar = woman(1640.0);
     let plain = measured(&avatar, &[], BodySource::Fitted);
@@ -37,7 +59,7 @@ fn statistics_apply_only_with_given_sex_and_mass_and_are_reported() {
             subject: Subject {
                 sex: Some(Sex::Female),
                 mass_kg: Some(mass_kg),
-                age_years: None,
+                ..Subject::default()
             },
             ..input_of(&avatar, &[], BodySource::Fitted)
         })
