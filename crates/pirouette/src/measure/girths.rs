@@ -6,6 +6,7 @@ use glam::DVec3;
 use pirouette_geom::TriMesh;
 use pirouette_geom::section::{plane_section, tape_length};
 
+use super::lengths::{HIDDEN_CROTCH_MM, hidden_crotch};
 use super::marked_avatar::{MarkedAvatar, moves_with_arms};
 use super::support::{FittedGirth, SeenView, find_lines, fit_girth};
 use super::tape::Tape;
@@ -51,12 +52,13 @@ pub(super) fn measure_girth(
     views: &[SeenView],
     measure: Measure,
 ) -> Measured {
+    let hidden_crotch = hidden_crotch(avatar);
     let tapes: Vec<Result<TapeEstimates, Unavailable>> = measure
         .girths()
         .iter()
         .map(|&girth| {
             let tape = avatar.tape(girth).ok_or(Unavailable::NoLandmark)?;
-            let taped = tape_at(input, tape, girth, views);
+            let taped = tape_at(input, tape, girth, views, hidden_crotch);
             taped.both().map(|_| taped).ok_or(Unavailable::Hidden)
         })
         .collect();
@@ -128,13 +130,18 @@ fn own_sd(girth: Girth) -> [f64; 4] {
 /// the girth
 ///
 /// Based on the errors of heights of random people, and of joints of arms along the arm. Waist and knee follow from
-/// bones and crotch. The neck is measured where it is thinnest, wherever that is.
-fn level_sd_mm(girth: Girth) -> f64 {
-    match girth {
-        Girth::Neck => 0.0,
-        Girth::Waist | Girth::LeftKnee | Girth::RightKnee => 2.0,
-        _ => 3.0,
-    }
+/// bones and crotch, which counts more if it is hidden, from 0 to 1. The neck is measured where it is thinnest, wherever
+/// that is.
+fn level_sd_mm(girth: Girth, hidden_crotch: f64) -> f64 {
+    let (own_mm, change_by_crotch) = match girth {
+        Girth::Neck => (0.0, 0.0),
+        Girth::Waist => (2.0, 0.5),
+        Girth::Hip => (3.0, 0.4),
+        Girth::LeftThigh | Girth::RightThigh => (3.0, 1.0),
+        Girth::LeftKnee | Girth::RightKnee => (2.0, 0.0),
+        _ => (3.0, 0.0),
+    };
+    f64::hypot(own_mm, HIDDEN_CROTCH_MM * hidden_crotch * change_by_crotch)
 }
 
 /// Standard deviation caused by arms stretched out level, which spread the chest and shorten the neck, as a share of
@@ -147,7 +154,13 @@ const LIFTED_SD: f64 = 0.02;
 /// Standard deviation of girths along carved hulls, as a share
 const HULL_SD: f64 = 0.05;
 
-fn tape_at(input: &MeasureInput, tape: &Tape, girth: Girth, views: &[SeenView]) -> TapeEstimates {
+fn tape_at(
+    input: &MeasureInput,
+    tape: &Tape,
+    girth: Girth,
+    views: &[SeenView],
+    hidden_crotch: f64,
+) -> TapeEstimates {
     let fitted = match girth {
         Girth::Neck => thinnest_by_lines(tape, views),
         _ => girth_by_lines(tape, views),
@@ -166,7 +179,7 @@ fn tape_at(input: &MeasureInput, tape: &Tape, girth: Girth, views: &[SeenView]) 
     } else {
         0.0
     };
-    let place_mm = lifted_mm.hypot(tape.girth_slope() * level_sd_mm(girth));
+    let place_mm = lifted_mm.hypot(tape.girth_slope() * level_sd_mm(girth, hidden_crotch));
     let lines = fitted.map(|f| Estimate {
         value_mm: f.girth_mm,
         sd_mm: match input.source {

@@ -164,6 +164,7 @@ pub fn measure(input: &MeasureInput) -> Measurements {
     };
     let (views, marked) = pirouette_geom::parallel::join(see_views, || MarkedAvatar::new(avatar));
     let scale_sd = lengths::scale_sd(input);
+    let hidden_crotch = lengths::hidden_crotch(&marked);
     let mass = mass::estimate_mass(input, scale_sd);
     let contradiction = mass.as_ref().map_or(0.0, BodyMass::contradiction);
     let values = Measure::ALL.into_par_iter().map(|measure| {
@@ -180,7 +181,7 @@ pub fn measure(input: &MeasureInput) -> Measurements {
         let extra_sd = ExtraSd {
             share: input.extra_sd.share.hypot(keypoint_sd).hypot(contradiction),
             length_share: input.extra_sd.length_share
-                * (1.0 + lengths::hidden_crotch(&marked, measure)),
+                * (1.0 + hidden_crotch * lengths::change_by_crotch(measure)),
             ..input.extra_sd
         };
         let measured = measured

@@ -98,7 +98,7 @@ measures! {
     ShoulderWidth, "shoulder_width", "from acromion over the nape to acromion, along the back", [];
     ArmLength, "arm_length", "from the shoulder joint over the elbow to the wrist joint", [];
     BackLength, "back_length", "from the nape to the waist, straight over the hollow of the back", [];
-    CrotchHeight, "crotch_height", "floor to where the legs part", [];
+    CrotchHeight, "crotch_height", "floor to where the legs part; if thighs touch, 4.2 % of the stature below the hip joints", [];
     BustHeight, "bust_height", "floor to the tape of the bust", [];
     WaistHeight, "waist_height", "floor to the tape of the waist", [];
     HipHeight, "hip_height", "floor to the tape of the hip", [];

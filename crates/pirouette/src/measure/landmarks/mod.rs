@@ -105,6 +105,8 @@ struct Body<'a> {
     stature: f64,
     /// Everything except the arms
     armless: Vec<bool>,
+    /// Vertices of the left half
+    is_left: Vec<bool>,
     trunk: Slicer<'a>,
     left: Limbs<'a>,
     right: Limbs<'a>,
@@ -149,15 +151,21 @@ impl<'a> Body<'a> {
             .map(|(l, r)| !l && !r)
             .collect();
         let middle = (heads[Bone::LeftThigh].x + heads[Bone::RightThigh].x) / 2.0;
-        let legs = |outward: f64| -> Vec<bool> {
-            let vertices = mesh.positions.iter().zip(&armless);
+        let is_left: Vec<bool> = mesh
+            .positions
+            .iter()
+            .zip(weights)
+            .map(|(p, weight)| is_on_left(weight, p.x - middle))
+            .collect();
+        let legs = |left: bool| -> Vec<bool> {
+            let vertices = is_left.iter().zip(&armless);
             vertices
-                .map(|(p, &part)| part && (p.x - middle) * outward > 0.0)
+                .map(|(&is_left, &part)| part && is_left == left)
                 .collect()
         };
         let surface = Slicer::new(mesh);
         let left = Limbs {
-            leg: surface.part(&legs(1.0)),
+            leg: surface.part(&legs(true)),
             arm: surface.part(&left_arm),
             arm_vertices: left_arm,
             upper_arm: Bone::LeftUpperArm,
@@ -168,7 +176,7 @@ impl<'a> Body<'a> {
             outward: 1.0,
         };
         let right = Limbs {
-            leg: surface.part(&legs(-1.0)),
+            leg: surface.part(&legs(false)),
             arm: surface.part(&right_arm),
             arm_vertices: right_arm,
             upper_arm: Bone::RightUpperArm,
@@ -187,6 +195,7 @@ impl<'a> Body<'a> {
             heads,
             stature,
             armless,
+            is_left,
             left,
             right,
         })
@@ -208,6 +217,19 @@ impl<'a> Body<'a> {
         (0..=count)
             .map(|i| low + (high - low) * i as f64 / count as f64)
             .collect()
+    }
+}
+
+/// Returns whether a vertex is part of the left half of the body
+///
+/// Skin of a leg belongs to its side even where it reaches beyond the middle, as that of thighs that touch does.
+fn is_on_left(weight: &SkinWeight, to_left_mm: f64) -> bool {
+    const LEG: f64 = 0.01;
+    let more_left = weight.below(Bone::LeftThigh) - weight.below(Bone::RightThigh);
+    if more_left.abs() > LEG {
+        more_left > 0.0
+    } else {
+        to_left_mm > 0.0
     }
 }
 

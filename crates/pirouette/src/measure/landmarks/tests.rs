@@ -62,6 +62,28 @@ fn level_tapes_agree_with_surveys() {
 }
 
 #[test]
+fn thighs_that_touch_do_not_move_the_crotch() {
+    let crotch = |mass_kg: f64| {
+        let parameters = MannequinParameters {
+            mass_kg: Some(mass_kg),
+            sex: Sex::Female,
+            stature_mm: Some(1630.0),
+            ..MannequinParameters::default()
+        };
+        let avatar = mannequin(&parameters).unwrap();
+        let found = find_on(&avatar);
+        let body = Body::new(&avatar.mesh, &avatar.weights, &avatar.bone_heads).unwrap();
+        let hips = body.middle_of(Bone::LeftThigh, Bone::RightThigh);
+        let end = levels::parting(&body, hips).unwrap().y;
+        (landmark(&found, Landmark::Crotch).y, end)
+    };
+    let (slim, slim_end) = crotch(50.0);
+    let (heavy, heavy_end) = crotch(95.0);
+    assert!(slim_end - heavy_end > 60.0, "{slim_end} {heavy_end}");
+    assert!((slim - heavy).abs() < 12.0, "{slim} {heavy}");
+}
+
+#[test]
 fn arm_tapes_are_perpendicular_to_the_bones() {
     let found = find_on(&WOMAN);
     let head = |bone: Bone| WOMAN.bone_heads[bone];
