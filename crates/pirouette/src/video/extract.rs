@@ -93,7 +93,7 @@ pub fn extract_views<S: FrameSource>(
     let survey = survey.map_err(ExtractError::Decode)?;
     let searched = survey.frames.iter().filter(|frame| frame.searched);
     let track = TurnTrack::find(searched.map(|f| (f.time_s, f.keypoints.as_ref())));
-    let track = track.map_err(ExtractError::Track)?;
+    let track = track.map_err(ExtractError::Track)?.without_detector_bias();
     let choice = choose_frames(&survey, &track, &options.choice).map_err(ExtractError::Choice)?;
     let without = frames_without(&survey);
     let mut indices: Vec<usize> = choice.frames.iter().map(|frame| frame.index).collect();
