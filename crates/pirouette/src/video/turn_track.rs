@@ -66,7 +66,7 @@ pub enum TrackError {
     },
 }
 
-/// Returns the standard deviation of a turn angle of a track by detected keypoints, without [`DETECTOR_BIAS_DEGREES`]
+/// Returns the standard deviation of a turn angle of a track by detected keypoints: see [`TurnTrack::without_detector_bias`]
 ///
 /// 2 to 4.5 degrees over 14 rendered people of two families, least from the side. Elsewhere it counts less, since outlines
 /// show the turn there, and neighboring frames have nearly the same error.
