@@ -78,9 +78,12 @@ impl Cell {
         value.map_or(Cell::Missing, |value| Cell::Number(value, decimals))
     }
 
-    /// Creates a cell with a spread, or a missing one
+    /// Creates a cell with a spread, with the number if it is a single one, or a missing one
     pub fn spread(values: &[f64]) -> Self {
-        Spread::of(values).map_or(Cell::Missing, Cell::Spread)
+        match values {
+            [single] => Cell::Number(*single, 1),
+            _ => Spread::of(values).map_or(Cell::Missing, Cell::Spread),
+        }
     }
 
     fn value(&self) -> Value {

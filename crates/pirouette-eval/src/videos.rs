@@ -349,15 +349,18 @@ fn to_json(found: &Found) -> Value {
 
 fn page(options: &VideosOptions, table: &Table) -> String {
     let mut page = String::new();
+    let people = match options.people {
+        1 => "1 random person is".to_owned(),
+        count => format!("{count} random people are"),
+    };
     // Writing to a string cannot fail.
     let _ = write!(
         page,
         "# Videos\n\n\
-         `pirouette eval videos` generates this page. {} random people are filmed ({} x {} px, {FRAMES_PER_S:.0} frames a second, H.264\n\
+         `pirouette eval videos` generates this page. {people} filmed ({} x {} px, {FRAMES_PER_S:.0} frames a second, H.264\n\
          at {} Mbit/s, motion blur, smooth sway), and {} views of each video are scanned with detected keypoints. The true angle of\n\
          a frame is that of the swaying person's hips; the common offset of the angles of a video is subtracted, and its largest\n\
          value listed. Girths are relative to those of the known body: mean and standard deviation.\n\n{}",
-        options.people,
         SIZE_PX.0,
         SIZE_PX.1,
         BITS_PER_S / 1_000_000,
