@@ -1,6 +1,8 @@
 //! `pirouette eval`: studies on rendered people, and scores against ground truth.
 
-use anyhow::{Context, Result, bail};
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow, bail};
 use pirouette::pipeline::{CancelToken, Goal};
 use pirouette_eval::ablation::{self, AblationOptions};
 use pirouette_eval::angles::{self, AnglesOptions};
@@ -19,7 +21,6 @@ use pirouette_files::job::JobOptions;
 use pirouette_files::results::ResultOptions;
 use pirouette_files::sink::{make_folder, write_atomic};
 use serde_json::{Value, json};
-use std::path::Path;
 
 use crate::args::{
     EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs,
@@ -192,7 +193,10 @@ fn eval_faults(
         faults::study(&options, cancel, &mut |step| show(progress, &step))?
     } else {
         let parts: Result<Vec<Value>> = args.join.iter().map(|path| read_json(path)).collect();
-        faults::join(&parts?)?
+        faults::join(&parts?).map_err(|error| match error {
+            StudyError::Part { index, what } => anyhow!("{} is {what}", args.join[index].display()),
+            other => other.into(),
+        })?
     };
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder)

@@ -80,7 +80,7 @@ fn errors(model: &PoseModel, person: &Person) -> Result<Vec<f64>, Box<dyn Error>
     let time_s = |view: usize| TURN_S * view as f64 / VIEWS as f64;
     // The turn before and the one after, so that all directions have neighbors
     let frames = (0..3 * VIEWS).map(|i| (time_s(i), found[i % VIEWS].as_ref()));
-    let track = TurnTrack::find(frames)?.without_detector_bias();
+    let track = TurnTrack::find(frames)?;
     let errors: Option<Vec<f64>> = (0..VIEWS)
         .map(|view| {
             let found = track.angle_at(time_s(VIEWS + view))?.to_degrees();
