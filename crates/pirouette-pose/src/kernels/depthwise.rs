@@ -99,26 +99,13 @@ impl Depthwise {
         scratch: &mut [f32],
         load: impl Fn(usize, &mut [[f32; LANES]]),
     ) {
-        scratch.fill(0.0);
         let (ring, _) = scratch.as_chunks_mut::<LANES>();
-        let (rows, ring_row_len) = (self.window.rows, self.ring_row_len());
-        let mut loaded = 0;
-        for (y, out) in out.chunks_exact_mut(self.result().row_len()).enumerate() {
-            let first = y * rows.stride;
-            for padded_row in loaded.max(first)..first + rows.kernel {
-                let slot = padded_row % rows.kernel;
-                let slot = &mut ring[slot * ring_row_len..][..ring_row_len];
-                match padded_row
-                    .checked_sub(rows.before)
-                    .filter(|&row| row < self.input.height)
-                {
-                    Some(row) => load(row, slot),
-                    None => slot.fill([0.0; LANES]),
-                }
-            }
-            loaded = first + rows.kernel;
-            self.run_row(ring, first, out);
-        }
+        let row_len = self.result().row_len();
+        self.window
+            .rows
+            .slide(self.input.height, ring, load, |y, first, ring| {
+                self.run_row(ring, first, &mut out[y * row_len..][..row_len]);
+            });
     }
 
     /// Size of the input

@@ -70,28 +70,18 @@ impl SingleConvolution {
 
     /// Computes the result; the padded rows that windows read are copied to `scratch`, each once.
     pub(crate) fn run(&self, input: &[f32], out: &mut [f32], scratch: &mut [f32]) {
-        scratch.fill(0.0);
-        let (rows, columns) = (self.window.rows, self.window.columns);
         let (row_len, ring_row_len) = (self.input.row_len(), self.ring_row_len());
+        let columns = self.window.columns;
         let start = (columns.before * self.input.channels).min(ring_row_len);
         let len = row_len.min(ring_row_len - start);
-        let mut loaded = 0;
-        for (y, out) in out.chunks_exact_mut(columns.count).enumerate() {
-            let first = y * rows.stride;
-            for padded_row in loaded.max(first)..first + rows.kernel {
-                let slot = padded_row % rows.kernel;
-                let slot = &mut scratch[slot * ring_row_len..][start..start + len];
-                match padded_row
-                    .checked_sub(rows.before)
-                    .filter(|&row| row < self.input.height)
-                {
-                    Some(row) => slot.copy_from_slice(&input[row * row_len..][..len]),
-                    None => slot.fill(0.0),
-                }
-            }
-            loaded = first + rows.kernel;
-            self.run_row(scratch, first, out);
-        }
+        self.window.rows.slide(
+            self.input.height,
+            scratch,
+            |row, slot| slot[start..start + len].copy_from_slice(&input[row * row_len..][..len]),
+            |y, first, ring| {
+                self.run_row(ring, first, &mut out[y * columns.count..][..columns.count])
+            },
+        );
     }
 
     /// Computes a row of the result from the rows of the ring that start with padded row `first`.

@@ -70,6 +70,38 @@ impl Span {
         first..end.max(first)
     }
 
+    /// Passes the rows of each window of an image with `height` rows to `compute`, with the number of the window and of its
+    /// first padded row.
+    ///
+    /// Padded row `i` is slot `i % kernel` of `ring`; each is loaded once, by its number in the image. Slots of padding are
+    /// zero.
+    pub(crate) fn slide<T: Copy + Default>(
+        &self,
+        height: usize,
+        ring: &mut [T],
+        mut load: impl FnMut(usize, &mut [T]),
+        mut compute: impl FnMut(usize, usize, &[T]),
+    ) {
+        ring.fill(T::default());
+        let slot_len = ring.len() / self.kernel;
+        let mut loaded = 0;
+        for window in 0..self.count {
+            let first = window * self.stride;
+            for padded_row in loaded.max(first)..first + self.kernel {
+                let slot = &mut ring[padded_row % self.kernel * slot_len..][..slot_len];
+                match padded_row
+                    .checked_sub(self.before)
+                    .filter(|&row| row < height)
+                {
+                    Some(row) => load(row, slot),
+                    None => slot.fill(T::default()),
+                }
+            }
+            loaded = first + self.kernel;
+            compute(window, first, ring);
+        }
+    }
+
     /// Number of padded rows (or columns) that the windows cover
     pub(crate) fn covered(&self) -> usize {
         (self.count - 1) * self.stride + self.kernel
