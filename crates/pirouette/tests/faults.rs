@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+use std::sync::LazyLock;
+
 use glam::DVec2;
 use pirouette::check::{CheckError, CheckWarning, check_scan};
 use pirouette::measure::Measure;
@@ -17,14 +19,23 @@ use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::{Camera, Joint, Keypoint, Keypoints, ReferencePose};
 use pirouette_geom::Grid;
 use pirouette_synthetic::people::turning_woman;
-use pirouette_synthetic::{Clutter, SyntheticOptions, synthesize};
+use pirouette_synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
+
+/// The person of most tests, rendered once
+static WOMAN: LazyLock<SyntheticScan> = LazyLock::new(|| turning_woman(8));
+
+/// The result of [`scan_of_masks`] without a mistake
+static HEALTHY: LazyLock<Report> = LazyLock::new(|| scanned(&scan_of_masks()));
+
+fn scan_of_photos() -> Scan {
+    WOMAN.scan.clone()
+}
 
 /// A scan whose silhouettes are given, which spares the segmentation
 fn scan_of_masks() -> Scan {
-    let person = turning_woman(8);
-    let mut scan = person.scan;
-    for (view, silhouette) in scan.views.iter_mut().zip(person.truth.silhouettes) {
-        view.mask = Some(silhouette);
+    let mut scan = scan_of_photos();
+    for (view, silhouette) in scan.views.iter_mut().zip(&WOMAN.truth.silhouettes) {
+        view.mask = Some(silhouette.clone());
     }
     scan
 }
@@ -64,7 +75,7 @@ fn padded<T: Copy>(grid: &Grid<T>, left: usize, width: usize, height: usize) -> 
 
 #[test]
 fn one_photo_given_eight_times_is_refused() {
-    let mut scan = turning_woman(8).scan;
+    let mut scan = scan_of_photos();
     let (photo, keypoints) = (scan.views[0].photo.clone(), scan.views[0].keypoints);
     for view in &mut scan.views {
         // Compressed again, so that no byte is the same.
@@ -85,7 +96,7 @@ fn one_photo_given_eight_times_is_refused() {
 
 #[test]
 fn a_repeated_photo_is_found_and_different_ones_are_not() {
-    let mut scan = turning_woman(8).scan;
+    let mut scan = scan_of_photos();
     assert_eq!(check_scan(&mut scan).unwrap(), Default::default());
     scan.views[5].photo = scan.views[2].photo.clone();
     scan.views[5].keypoints = scan.views[2].keypoints;
@@ -97,7 +108,7 @@ fn a_repeated_photo_is_found_and_different_ones_are_not() {
 
 #[test]
 fn a_pose_that_the_joints_contradict_is_corrected() {
-    let mut scan = turning_woman(8).scan;
+    let mut scan = scan_of_photos();
     scan.pose = ReferencePose::T;
     let found = ReferencePose::A;
     let warnings = check_scan(&mut scan).unwrap().warnings;
@@ -107,7 +118,7 @@ fn a_pose_that_the_joints_contradict_is_corrected() {
 
 #[test]
 fn joints_at_the_corner_are_not_found() {
-    let mut scan = turning_woman(8).scan;
+    let mut scan = scan_of_photos();
     let corner = Keypoint {
         position: DVec2::ZERO,
         confidence: 1.0,
@@ -119,7 +130,7 @@ fn joints_at_the_corner_are_not_found() {
 
 #[test]
 fn left_and_right_swapped_in_all_views_are_corrected() {
-    let mut scan = turning_woman(8).scan;
+    let mut scan = scan_of_photos();
     let right = skeleton_of(&scan);
     for view in &mut scan.views {
         let mut keypoints: Keypoints = view.keypoints;
@@ -136,7 +147,7 @@ fn left_and_right_swapped_in_all_views_are_corrected() {
 
 #[test]
 fn an_impossible_camera_height_is_replaced() {
-    let mut scan = turning_woman(8).scan;
+    let mut scan = scan_of_photos();
     let given_mm = scan.camera.height_mm.unwrap();
     let true_pitch = skeleton_of(&scan).camera.pitch_radians;
     scan.camera.height_mm = Some(given_mm + 700.0);
@@ -205,7 +216,6 @@ fn a_person_beside_the_middle_is_measured_as_in_the_middle() {
             .get(measure);
         (measured.value_mm.unwrap(), measured.sd_mm.unwrap())
     };
-    let middle = scanned(&scan);
     for view in &mut scan.views {
         let (width, height) = (view.photo.width(), view.photo.height());
         let left = width / 3;
@@ -231,7 +241,7 @@ fn a_person_beside_the_middle_is_measured_as_in_the_middle() {
     };
     assert!(beside.warnings.iter().any(said));
     for measure in [Measure::BustGirth, Measure::WaistGirth, Measure::HipGirth] {
-        let ((value, _), (other, sd)) = (girth(&middle, measure), girth(&beside, measure));
+        let ((value, _), (other, sd)) = (girth(&HEALTHY, measure), girth(&beside, measure));
         assert!(
             (value - other).abs() < 2.5 * sd,
             "{measure:?}: {value} {other} {sd}"
@@ -242,8 +252,7 @@ fn a_person_beside_the_middle_is_measured_as_in_the_middle() {
 #[test]
 fn a_mass_that_contradicts_the_volume_widens_the_deviations() {
     let mut scan = scan_of_masks();
-    let plain = scanned(&scan);
-    let mass = plain
+    let mass = HEALTHY
         .measurements
         .as_ref()
         .and_then(|m| m.mass)
@@ -256,10 +265,10 @@ fn a_mass_that_contradicts_the_volume_widens_the_deviations() {
         all.get(Measure::HipGirth).sd_mm.unwrap()
     };
     assert!(
-        sd(&doubted) > 3.0 * sd(&plain),
+        sd(&doubted) > 3.0 * sd(&HEALTHY),
         "{} {}",
         sd(&doubted),
-        sd(&plain)
+        sd(&HEALTHY)
     );
     let said = |w: &Warning| matches!(w, Warning::MassContradicted { .. });
     assert!(doubted.warnings.iter().any(said));
@@ -268,7 +277,6 @@ fn a_mass_that_contradicts_the_volume_widens_the_deviations() {
 #[test]
 fn bones_of_unusual_length_widen_the_deviations() {
     let mut scan = scan_of_masks();
-    let healthy = scanned(&scan);
     for view in &mut scan.views {
         let arms = [
             (Joint::LeftShoulder, [Joint::LeftElbow, Joint::LeftWrist]),
@@ -295,7 +303,7 @@ fn bones_of_unusual_length_widen_the_deviations() {
         let hip = report.measurements.as_ref().unwrap().get(Measure::HipGirth);
         hip.sd_mm.unwrap() / hip.value_mm.unwrap()
     };
-    assert!(sd(&short) > sd(&healthy).max(0.029), "{}", sd(&short));
+    assert!(sd(&short) > sd(&HEALTHY).max(0.029), "{}", sd(&short));
 }
 
 #[test]
@@ -315,7 +323,7 @@ fn photos_of_another_height_widen_the_deviations_or_give_no_measurements() {
         scanned(&scan)
     };
     let said = |w: &Warning| *w == Warning::OtherHeights { view_count: 1 };
-    assert!(!of_child(&[]).warnings.iter().any(said));
+    assert!(!HEALTHY.warnings.iter().any(said));
     let one = of_child(&[3]);
     assert!(one.warnings.iter().any(said), "{:?}", one.warnings);
     let several = of_child(&[1, 4, 6]);
@@ -375,7 +383,7 @@ fn a_person_before_a_wide_lens_is_measured_as_before_a_straight_one() {
 
 #[test]
 fn blurred_photos_widen_the_deviations() {
-    let mut scan = turning_woman(8).scan;
+    let mut scan = scan_of_photos();
     let sharp = scanned(&scan);
     for view in &mut scan.views {
         for _ in 0..3 {

@@ -192,12 +192,12 @@ fn swapped_limbs_are_found_and_mended() {
 fn turn_angles_of_the_wrong_sign_or_start_are_corrected() {
     let right = solved(&scan(&Setting::default()));
     assert_eq!(right.skeleton.turn_correction, TurnCorrection::default());
+    let truth = scan(&Setting {
+        noise_px: 2.0,
+        ..Setting::default()
+    });
     for (sign, offset_degrees) in [(-1.0, 0.0), (1.0, 180.0), (-1.0, 90.0), (1.0, 30.0)] {
-        let setting = Setting {
-            noise_px: 2.0,
-            ..Setting::default()
-        };
-        let (truth, mut stated) = (scan(&setting), scan(&setting));
+        let mut stated = truth.clone();
         for view in &mut stated.views {
             // Angles stated by a user for a person who in truth turned by `sign * stated + offset`
             let degrees = sign * (view.turn.degrees() - offset_degrees);
