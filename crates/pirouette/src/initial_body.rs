@@ -72,7 +72,7 @@ pub(crate) fn fit_views<'a>(
             camera: view.skeleton().camera,
             turn: view.skeleton().turn,
             stepped: view.skeleton().turn_from != TurnFrom::Stated,
-            time_s: view.skeleton().time_s,
+            tracked: view.skeleton().tracked,
             pose,
             stature_mm,
         })

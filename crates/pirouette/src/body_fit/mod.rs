@@ -27,7 +27,7 @@ use pirouette_geom::Windowed;
 use pirouette_geom::coarsen::Blend;
 use pirouette_geom::parallel::prelude::*;
 
-use crate::skeleton_fit::keypoint_sigma_px;
+use crate::skeleton_fit::{Tracked, keypoint_sigma_px};
 use matches::{Outline, match_views};
 use pirouette_body::render::SilhouetteMesh;
 use pirouette_body::{
@@ -38,6 +38,7 @@ use pose_step::TURN;
 use shape_step::ShapeSolver;
 use shared_step::{Reshape, SharedStep, arm_shares, step_together};
 use surface::Surface;
+use sway::TrackedTurns;
 
 pub use occluding_contour::ContourMesh;
 pub use targets::OutlineTargets;
@@ -55,8 +56,8 @@ pub struct BodyFitView<'a> {
     pub turn: TurnAngle,
     /// Whether the turn angle is not stated: the person stepped to any angle
     pub stepped: bool,
-    /// Time in the video, in s; `None` if it is a photo
-    pub time_s: Option<f64>,
+    /// The frame of a video; `None` if it is a photo
+    pub tracked: Option<Tracked>,
     /// Initial pose
     pub pose: Pose,
     /// Height of the person, in mm; determines the size of pixels
@@ -381,7 +382,11 @@ pub(crate) fn fit_outlines(
             (outlines, &matches),
             (&posture, &poses),
             (start.as_ref(), &spread),
-            index < HELD_ROUNDS,
+            if index < HELD_ROUNDS {
+                TrackedTurns::Held
+            } else {
+                TrackedTurns::Continuous
+            },
         );
         poses = together.poses;
         turn_sds = together.turn_sds;
@@ -480,7 +485,7 @@ pub(crate) fn rigid_residual(
         (outlines, &matches),
         (posture, &poses),
         (None, &CameraSpread::default()),
-        false,
+        TrackedTurns::Continuous,
     )
     .poses;
     let matches = find(&poses);

@@ -12,7 +12,7 @@ use pirouette_geom::parallel::prelude::*;
 
 use super::matches::{Match, Outline};
 use super::pose_step::{ALL, Equations, POSE, STEPS, TURN, equations};
-use super::sway::pose_priors;
+use super::sway::{TrackedTurns, pose_priors};
 use super::{Body, BodyFitView, CameraSpread};
 use pirouette_body::{Bone, Camera, Pose, SkinWeight};
 
@@ -121,15 +121,14 @@ pub(super) struct PoseUpdate {
 /// Improves all poses, the camera and the size of the surface to match outlines and keypoints
 ///
 /// `views` hold the current camera, `start` is the camera at which `spread` is centered. Parameters without spread are
-/// constant; without any spread, the surface is constant, too. `matches` are the same in all steps. `turns_held` as of
-/// [`pose_priors`].
+/// constant; without any spread, the surface is constant, too. `matches` are the same in all steps.
 pub(super) fn step_together(
     body: &Body,
     views: &[BodyFitView],
     (outlines, matches): (&[Outline], &[Vec<Match>]),
     (posture, poses): (&Pose, &[Pose]),
     (start, spread): (Option<&Camera>, &CameraSpread),
-    turns_held: bool,
+    tracked_turns: TrackedTurns,
 ) -> PoseUpdate {
     let mut poses = poses.to_vec();
     let mut total = [0.0; SHARED];
@@ -137,7 +136,7 @@ pub(super) fn step_together(
     let mut turn_sds = vec![Pose::prior_sigmas()[TURN]; views.len()];
     for _ in 0..STEPS {
         let shared = SharedStep::from_array(total);
-        let priors = pose_priors(views, posture, &poses, turns_held);
+        let priors = pose_priors(views, posture, &poses, tracked_turns);
         let equations: Vec<Option<Equations>> = (0..views.len())
             .into_par_iter()
             .map(|i| {
@@ -169,8 +168,14 @@ pub(super) fn step_together(
             }
             None => [0.0; SHARED],
         };
-        for (sd, view) in turn_sds.iter_mut().zip(&eliminated) {
-            *sd = view.as_ref().map_or(*sd, |view| view.turn_sd);
+        for (((sd, solved), prior), view) in
+            turn_sds.iter_mut().zip(&eliminated).zip(&priors).zip(views)
+        {
+            *sd = match solved {
+                Some(solved) if view.tracked.is_some() => prior.tracked_turn_sd(solved.turn_sd),
+                Some(solved) => solved.turn_sd,
+                None => *sd,
+            };
         }
         for (total, step) in total.iter_mut().zip(step) {
             *total += step;

@@ -66,7 +66,7 @@ impl Seen {
                 camera: self.camera,
                 turn: self.turns[i],
                 stepped: false,
-                time_s: None,
+                tracked: None,
                 pose: Pose::default(),
                 stature_mm: self.stature_mm,
             })

@@ -125,6 +125,15 @@ pub enum TurnFrom {
     Found,
 }
 
+/// A frame of a video, by its place in the track of the turn
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tracked {
+    /// Time in the video, in s
+    pub time_s: f64,
+    /// Turn angle by the track
+    pub turn: TurnAngle,
+}
+
 /// One view of the solution
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SkeletonView {
@@ -134,8 +143,8 @@ pub struct SkeletonView {
     pub turn_sd_radians: f64,
     /// Origin of the turn angle
     pub turn_from: TurnFrom,
-    /// Time in the video, in s; `None` if it is a photo
-    pub time_s: Option<f64>,
+    /// The frame of a video; `None` if it is a photo
+    pub tracked: Option<Tracked>,
     /// The camera; the cameras of all views differ only in the size of the photo
     pub camera: Camera,
     /// Keypoints, with swaps of left and right fixed
@@ -495,7 +504,7 @@ fn assemble(
                 turn: view.turn,
                 turn_sd_radians,
                 turn_from: turn_from(free),
-                time_s: view.time_s,
+                tracked: view.tracked,
                 camera: shared.camera_of(view),
                 keypoints,
                 pose,

@@ -6,6 +6,7 @@
 use faer::Mat;
 use glam::{DVec2, DVec3};
 
+use super::Tracked;
 use super::scales::{BoneScale, BoneScales, Frame, ScaledFrame};
 use super::start::FREE_TURN_SIGMA_RADIANS;
 use pirouette_body::{
@@ -95,7 +96,7 @@ pub(super) struct ViewData {
     pub(super) turn: TurnAngle,
     /// Prior standard deviation of the turn of the pose beyond `turn`
     pub(super) turn_sigma_radians: f64,
-    pub(super) time_s: Option<f64>,
+    pub(super) tracked: Option<Tracked>,
     pub(super) width_px: usize,
     pub(super) height_px: usize,
     pub(super) observed: PerJoint<Option<Observed>>,

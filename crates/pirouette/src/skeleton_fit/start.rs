@@ -4,7 +4,7 @@ use glam::DVec2;
 
 use super::model::{CameraPrior, Observed, ViewData};
 use super::turn_start::faces_seen;
-use super::{KeypointView, SkeletonFitError, SkeletonFitOptions, SkeletonFitWarning};
+use super::{KeypointView, SkeletonFitError, SkeletonFitOptions, SkeletonFitWarning, Tracked};
 use crate::scan::CameraSetup;
 use pirouette_body::{Avatar, Joint, Keypoint, Keypoints, NOMINAL_STATURE_PX, PerJoint};
 
@@ -172,7 +172,10 @@ pub(super) fn prepare(
                 } else {
                     FREE_TURN_SIGMA_RADIANS
                 },
-                time_s: view.time_s,
+                tracked: view.time_s.map(|time_s| Tracked {
+                    time_s,
+                    turn: view.turn,
+                }),
                 width_px: view.width_px,
                 height_px: view.height_px,
                 face_seen,
