@@ -116,7 +116,7 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
             camera: view.camera,
             turn: view.turn,
             stepped: false,
-            time_s: None,
+            tracked: None,
             pose: view.pose,
             stature_mm,
         })

@@ -116,6 +116,7 @@ impl Noise {
 }
 
 /// A scan with its truth
+#[derive(Clone)]
 pub(super) struct Truth {
     pub(super) body: Avatar,
     pub(super) camera: Camera,
