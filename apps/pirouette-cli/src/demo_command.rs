@@ -2,7 +2,6 @@
 
 use std::fmt::Write;
 use std::io::ErrorKind;
-use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
@@ -11,6 +10,7 @@ use pirouette::pipeline::{CancelToken, Goal};
 use pirouette::scan::Scan;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::{Avatar, Keypoints, ReferencePose};
+use pirouette_eval::film::film;
 use pirouette_files::formats::charts::built_in_charts;
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::formats::photo::encode_mask;
@@ -18,8 +18,7 @@ use pirouette_files::job::JobOptions;
 use pirouette_files::results::ResultOptions;
 use pirouette_files::scan_folder::write_scan;
 use pirouette_files::sink::{make_folder, write_atomic};
-use pirouette_files::video::VideoWriter;
-use pirouette_synthetic::video::{TurnCourse, VideoOptions, render_video};
+use pirouette_synthetic::video::{TurnCourse, VideoOptions};
 use pirouette_synthetic::{Clutter, SyntheticOptions, SyntheticScan, synthesize};
 use serde_json::{Map, Value, json};
 
@@ -36,9 +35,8 @@ const PHOTO_SIZE_PX: (usize, usize) = (800, 1000);
 /// Columns and rows of a video
 const VIDEO_SIZE_PX: (usize, usize) = (720, 1280);
 
-/// Frames and bits of a video per second
+/// Frames of a video per second
 const FRAMES_PER_S: f64 = 30.0;
-const BITS_PER_S: u32 = 4_000_000;
 
 /// Noise of the keypoints, in px at a stature of 800 px: typical of detectors on plain clothes
 const KEYPOINT_NOISE_PX: f64 = 2.5;
@@ -61,7 +59,7 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
     let pose_model = pose_model(None)?;
     let scan = args.out.join(if args.video { "video" } else { "scan" });
     if args.video {
-        film(args, &person, &scan, &progress, cancel)?;
+        film_turn(args, &person, &scan, &progress, cancel)?;
     } else {
         let mut synthetic = photograph(args, &person);
         if pose_model.is_some() {
@@ -152,15 +150,14 @@ fn photograph(args: &DemoArgs, person: &Avatar) -> SyntheticScan {
     )
 }
 
-/// Renders a video of the turn, at 30 frames a second, and writes it with its manifest and the true angle of each frame
-fn film(
+/// Films the turn, at 30 frames a second
+fn film_turn(
     args: &DemoArgs,
     person: &Avatar,
     folder: &Path,
     progress: &Progress,
     cancel: &CancelToken,
 ) -> Result<()> {
-    make_folder(folder)?;
     let (width, height) = VIDEO_SIZE_PX;
     let camera = SyntheticOptions::camera_for(person.stature_mm(), width, height);
     let options = VideoOptions {
@@ -180,40 +177,9 @@ fn film(
             pause_s: 0.0,
         },
     };
-    let frame_count = options.turn.duration_s() * FRAMES_PER_S;
-    let file = folder.join("person.mp4");
-    let mut writer = VideoWriter::create(&file, VIDEO_SIZE_PX, FRAMES_PER_S, BITS_PER_S)?;
-    let mut written = Ok(());
-    let angles = render_video(person, &options, &mut |index, photo| {
-        progress.share("render", index as f64 / frame_count);
-        written = writer.write(&photo);
-        if written.is_err() || cancel.cancelled() {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
-    });
-    written?;
-    ensure!(!cancel.cancelled(), "cancelled");
-    writer.finish()?;
-    let manifest = json!({
-        "subject": { "stature_mm": person.stature_mm() },
-        "camera": {
-            "vertical_fov_deg": camera.vertical_fov_radians.to_degrees(),
-            "height_mm": camera.height_mm,
-        },
-    });
-    write_atomic(
-        &folder.join("scan.json"),
-        format!("{manifest:#}\n").as_bytes(),
-    )?;
-    let degrees: Vec<f64> = angles.iter().map(|angle| angle.to_degrees()).collect();
-    let truth = json!({ "frames_per_s": FRAMES_PER_S, "angles_deg": degrees });
-    make_folder(&folder.join("truth"))?;
-    write_atomic(
-        &folder.join("truth/angles.json"),
-        truth.to_string().as_bytes(),
-    )?;
+    film(person, &options, folder, cancel, &mut |share| {
+        progress.share("render", share);
+    })?;
     Ok(())
 }
 

@@ -14,7 +14,7 @@ use pirouette_eval::folders::{
 use pirouette_eval::published::{self, Effort};
 use pirouette_eval::tapes::{self, TapesOptions};
 use pirouette_eval::videos::{self, VideosOptions};
-use pirouette_eval::{Step, StudyError};
+use pirouette_eval::{Step, StudyError, Table};
 use pirouette_files::formats::charts::built_in_charts;
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::job::JobOptions;
@@ -160,15 +160,23 @@ fn eval_tapes(
             write_atomic(&folder.join(name), text.as_bytes())?;
         }
     }
-    let text: Vec<String> = study.tables.iter().map(ToString::to_string).collect();
-    let tables: Vec<Value> = study.tables.iter().map(|table| table.to_json()).collect();
+    let (text, tables) = written(&study.tables);
     let value = json!({
         "ok": true,
         "table": "tapes",
         "tables": tables,
         "people": study.people,
     });
-    Ok((text.join("\n\n"), value))
+    Ok((text, value))
+}
+
+/// Returns tables as text and as JSON
+fn written(tables: &[Table]) -> (String, Vec<Value>) {
+    let text: Vec<String> = tables.iter().map(ToString::to_string).collect();
+    (
+        text.join("\n\n"),
+        tables.iter().map(Table::to_json).collect(),
+    )
 }
 
 fn read_json(path: &Path) -> Result<Value> {
@@ -203,8 +211,7 @@ fn eval_faults(
             .with_context(|| format!("cannot create the folder {}", folder.display()))?;
         write_atomic(&folder.join("faults.md"), study.page.as_bytes())?;
     }
-    let text: Vec<String> = study.tables.iter().map(ToString::to_string).collect();
-    let tables: Vec<Value> = study.tables.iter().map(|table| table.to_json()).collect();
+    let (text, tables) = written(&study.tables);
     let value = json!({
         "ok": true,
         "table": "faults",
@@ -212,7 +219,7 @@ fn eval_faults(
         "tables": tables,
         "captures": study.captures,
     });
-    Ok((text.join("\n\n"), value))
+    Ok((text, value))
 }
 
 fn eval_ablation(
@@ -248,15 +255,14 @@ fn eval_angles(
         make_folder(folder)?;
         write_atomic(&folder.join("angles.md"), study.page.as_bytes())?;
     }
-    let text: Vec<String> = study.tables.iter().map(ToString::to_string).collect();
-    let tables: Vec<Value> = study.tables.iter().map(|table| table.to_json()).collect();
+    let (text, tables) = written(&study.tables);
     let value = json!({
         "ok": true,
         "table": "angles",
         "tables": tables,
         "people": study.people,
     });
-    Ok((text.join("\n\n"), value))
+    Ok((text, value))
 }
 
 fn eval_videos(
@@ -270,7 +276,6 @@ fn eval_videos(
     make_folder(&args.videos)?;
     let options = VideosOptions {
         people: args.people,
-        views: usize::from(args.views),
         folder: args.videos.clone(),
     };
     let study = videos::study(&options, &model, cancel, &mut |step| show(progress, &step))?;
@@ -278,13 +283,14 @@ fn eval_videos(
         make_folder(folder)?;
         write_atomic(&folder.join("videos.md"), study.page.as_bytes())?;
     }
+    let (text, tables) = written(&study.tables);
     let value = json!({
         "ok": true,
         "table": "videos",
-        "tables": [study.table.to_json()],
+        "tables": tables,
         "videos": study.videos,
     });
-    Ok((study.table.to_string(), value))
+    Ok((text, value))
 }
 
 fn eval_scans(

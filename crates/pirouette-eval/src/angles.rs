@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 use crate::people::{KEYPOINT_NOISE_PX, Person};
 use crate::table::{Cell, Table, capitalized, mean};
 use crate::trial::{Score, score};
+use crate::turn_errors::{TurnErrors, worst};
 use crate::{OnStep, StudyError, do_all};
 
 /// Largest deviation of a step of the turn from an even one, in degrees, on each side
@@ -67,60 +68,9 @@ impl Finder {
     }
 }
 
-/// Angles of one scan with their errors, in degrees; the mean error is subtracted
-#[derive(Debug, Clone, Default)]
-struct Errors {
-    degrees: Vec<f64>,
-    /// Error relative to the reported standard deviation
-    relative: Vec<f64>,
-    /// Error of each turn from one photo to the next, per 10 degrees
-    per_ten: Vec<f64>,
-}
-
-impl Errors {
-    /// Compares found angles with true ones
-    fn new(found: &[(TurnAngle, Option<f64>)], truth: &[TurnAngle]) -> Self {
-        let apart = |a: f64, b: f64| (a - b + 180.0).rem_euclid(360.0) - 180.0;
-        let pairs: Vec<(f64, f64)> = found
-            .iter()
-            .zip(truth)
-            .map(|((found, _), truth)| (found.degrees(), truth.degrees()))
-            .collect();
-        let (sine, cosine) = pairs
-            .iter()
-            .fold((0.0, 0.0), |(sine, cosine), (found, truth)| {
-                let off = (found - truth).to_radians();
-                (sine + off.sin(), cosine + off.cos())
-            });
-        let offset = f64::atan2(sine, cosine).to_degrees();
-        let degrees: Vec<f64> = pairs
-            .iter()
-            .map(|(found, truth)| apart(found - offset, *truth))
-            .collect();
-        let relative = degrees.iter().zip(found);
-        let relative = relative.filter_map(|(error, (_, sd))| Some(error / (*sd)?.to_degrees()));
-        let mut around: Vec<(f64, f64)> = truth
-            .iter()
-            .zip(&degrees)
-            .map(|(truth, error)| (truth.wrapped().degrees(), *error))
-            .collect();
-        around.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let next = around.iter().cycle().skip(1);
-        let per_ten = around
-            .iter()
-            .zip(next)
-            .map(|(from, to)| 10.0 * (to.1 - from.1).abs() / (to.0 - from.0).rem_euclid(360.0));
-        Self {
-            relative: relative.collect(),
-            per_ten: per_ten.filter(|error| error.is_finite()).collect(),
-            degrees,
-        }
-    }
-}
-
 /// Results of one person
 struct Found {
-    errors: [Option<Errors>; Finder::ALL.len()],
+    errors: [Option<TurnErrors>; Finder::ALL.len()],
     /// Scores of the body with unknown and with known angles
     scores: [Score; 2],
 }
@@ -247,7 +197,7 @@ fn scan_person(person: &Person, views: usize, cancel: &CancelToken) -> Found {
     });
     let errors = [by_keypoints, by_skeleton, by_body];
     Found {
-        errors: errors.map(|turns: Option<Vec<_>>| Some(Errors::new(&turns?, &true_turns))),
+        errors: errors.map(|turns: Option<Vec<_>>| Some(TurnErrors::new(&turns?, &true_turns))),
         scores: [rate(&found), rate(&known)],
     }
 }
@@ -277,13 +227,6 @@ fn write_study(options: &AnglesOptions, people: &[Person], found: &[Found]) -> A
     }
 }
 
-fn worst(values: &[f64]) -> Option<f64> {
-    values
-        .iter()
-        .map(|value| value.abs())
-        .max_by(f64::total_cmp)
-}
-
 /// Errors of the angles by the method
 fn angle_table(found: &[Found]) -> Table {
     let mut table = Table::new(
@@ -299,27 +242,16 @@ fn angle_table(found: &[Found]) -> Table {
         ],
     );
     for (index, finder) in Finder::ALL.iter().enumerate() {
-        let row: Vec<&Errors> = found
+        let row: Vec<&TurnErrors> = found
             .iter()
             .filter_map(|f| f.errors[index].as_ref())
             .collect();
-        let all = |of: &dyn Fn(&Errors) -> &Vec<f64>| -> Vec<f64> {
-            row.iter()
-                .flat_map(|errors| of(errors).iter().copied())
-                .collect()
-        };
-        let (degrees, per_ten) = (all(&|e| &e.degrees), all(&|e| &e.per_ten));
-        let squares: Vec<f64> = all(&|e| &e.relative).iter().map(|z| z * z).collect();
-        let sizes: Vec<f64> = degrees.iter().map(|error| error.abs()).collect();
-        table.rows.push(vec![
+        let mut cells = vec![
             Cell::Text(finder.name().to_owned()),
             Cell::Number((found.len() - row.len()) as f64, 0),
-            Cell::number(mean(&sizes), 2),
-            Cell::number(worst(&degrees), 1),
-            Cell::number(mean(&squares).map(f64::sqrt), 2),
-            Cell::number(mean(&per_ten), 2),
-            Cell::number(worst(&per_ten), 2),
-        ]);
+        ];
+        cells.extend(TurnErrors::cells(&row));
+        table.rows.push(cells);
     }
     table
 }
@@ -396,35 +328,6 @@ fn page(options: &AnglesOptions, tables: &[Table]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn degrees(all: &[f64]) -> Vec<TurnAngle> {
-        all.iter().map(|&d| TurnAngle::from_degrees(d)).collect()
-    }
-
-    #[test]
-    fn a_common_offset_is_no_error() {
-        let truth = degrees(&[0.0, 90.0, 270.0]);
-        let found: Vec<(TurnAngle, Option<f64>)> = degrees(&[350.0, 80.0, 260.0])
-            .into_iter()
-            .map(|turn| (turn, None))
-            .collect();
-        let errors = Errors::new(&found, &truth);
-        assert!(errors.degrees.iter().all(|error| error.abs() < 1e-9));
-    }
-
-    #[test]
-    fn errors_are_relative_to_the_turn_between_photos() {
-        let truth = degrees(&[0.0, 20.0, 180.0]);
-        let sd = Some(2.0_f64.to_radians());
-        let found: Vec<(TurnAngle, Option<f64>)> = degrees(&[2.0, 18.0, 180.0])
-            .into_iter()
-            .map(|turn| (turn, sd))
-            .collect();
-        let errors = Errors::new(&found, &truth);
-        assert!((errors.degrees[0] - 2.0).abs() < 1e-9);
-        assert!((errors.relative[1] + 1.0).abs() < 1e-9);
-        assert!((errors.per_ten[0] - 2.0).abs() < 1e-9);
-    }
 
     #[test]
     fn turns_are_uneven_and_all_around() {

@@ -9,6 +9,7 @@ pub mod ablation;
 pub mod angles;
 pub mod bodies;
 pub mod faults;
+pub mod film;
 pub mod folders;
 pub mod people;
 pub mod published;
@@ -16,6 +17,7 @@ pub mod score;
 pub mod table;
 pub mod tapes;
 mod trial;
+mod turn_errors;
 pub mod videos;
 
 use std::sync::atomic::{AtomicUsize, Ordering};

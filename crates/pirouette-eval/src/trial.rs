@@ -102,11 +102,11 @@ pub(crate) fn try_person(
     }
 }
 
-/// Scores the result of a job on a person
-pub(crate) fn score(person: &Person, truth: &Truth, report: &Report) -> Score {
+/// Scores body and girths of a person
+pub(crate) fn score_body(person: &Person, report: &Report) -> Score {
     let mut score = Score::default();
     let body = report.body.as_ref();
-    if let Some(error) = body.and_then(|body| surface_error(body, &truth.body)) {
+    if let Some(error) = body.and_then(|body| surface_error(body, &person.avatar.mesh)) {
         score.mean_mm = Some(error.mean_mm);
         score.p95_mm = Some(error.p95_mm);
         score.parts_mm = parts(person, &error);
@@ -118,6 +118,12 @@ pub(crate) fn score(person: &Person, truth: &Truth, report: &Report) -> Score {
             Some(100.0 * (measurements.value_mm(girth)? / true_mm - 1.0))
         });
     }
+    score
+}
+
+/// Scores the result of a job on a person
+pub(crate) fn score(person: &Person, truth: &Truth, report: &Report) -> Score {
+    let mut score = score_body(person, report);
     let view = |index: usize| report.views.iter().find(|view| view.id.0 == index);
     let overlaps = truth
         .silhouettes

@@ -189,11 +189,7 @@ pub struct EvalVideosArgs {
     #[arg(long, value_name = "N", default_value_t = 4)]
     pub people: usize,
 
-    /// Views taken from each video
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(4..=72))]
-    pub views: u16,
-
-    /// Folder of the videos and their manifests
+    /// Folder of the videos; those that are there are not rendered again
     #[arg(long, value_name = "DIR", default_value = "eval-videos")]
     pub videos: PathBuf,
 
