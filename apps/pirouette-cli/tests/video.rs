@@ -105,6 +105,38 @@ fn room_is_found(file: &Path, model: &str) {
     assert!(beside < 4.0 && trunk > 4.0 * beside, "{beside} {trunk}");
 }
 
+/// Checks that a helper beside the person, who stands still, is told and not followed
+fn whoever_turns_is_measured(folders: &Folders, file: &Path, model: &str) {
+    let (still, both) = (folders.path("still.png"), folders.path("both.mp4"));
+    let ffmpeg = |arguments: &[&str]| {
+        let made = Command::new("ffmpeg")
+            .args(["-nostdin", "-loglevel", "error", "-y"])
+            .args(arguments)
+            .status();
+        assert!(made.unwrap().success());
+    };
+    ffmpeg(&["-ss", "3", "-i", text(file), "-frames:v", "1", text(&still)]);
+    let helper = [
+        "-loop",
+        "1",
+        "-framerate",
+        "10",
+        "-t",
+        "7",
+        "-i",
+        text(&still),
+    ];
+    let beside = ["-filter_complex", "[0][1]hstack", "-t", "7", text(&both)];
+    ffmpeg(&[&helper[..], &["-i", text(file)], &beside].concat());
+    let model = PoseModel::parse(&std::fs::read(model).unwrap()).unwrap();
+    let video = VideoFile::find(&both).unwrap();
+    let (options, cancel) = (ScanOptions { views: 8 }, CancelToken::default());
+    let found = scan_of_video(&video, &model, &options, &cancel, &mut |_| {}).unwrap();
+    let (low, high) = found.extracted.track.range();
+    assert!((high - low).to_degrees() > 330.0, "{low} {high}");
+    assert!(found.extracted.other.is_some_and(|other| !other.is_right));
+}
+
 #[test]
 fn a_video_of_a_turn_is_measured() {
     let Some([flag, model]) = ready("a_video_of_a_turn_is_measured") else {
@@ -156,6 +188,7 @@ fn a_video_of_a_turn_is_measured() {
         );
     }
     room_is_found(&file, &model);
+    whoever_turns_is_measured(&folders, &file, &model);
 }
 
 #[test]

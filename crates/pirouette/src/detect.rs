@@ -188,7 +188,7 @@ const MIN_TURNING_PHOTOS: usize = 3;
 const STANDS_STILL: f64 = 0.15;
 
 /// Searches for another person than the one in a region
-fn search_beside(model: &PoseModel, photo: &Photo, region: &Region) -> Option<Region> {
+pub(crate) fn search_beside(model: &PoseModel, photo: &Photo, region: &Region) -> Option<Region> {
     model.search_beside(&as_input(photo)?, region)
 }
 

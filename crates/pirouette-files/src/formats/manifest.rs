@@ -52,6 +52,25 @@ pub struct Manifest {
     pub views: Option<Vec<ManifestView>>,
 }
 
+/// A side of the picture
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs, reason = "the names document the variants")]
+pub enum Side {
+    Left,
+    Right,
+}
+
+impl Side {
+    /// Returns the name in English
+    pub fn name(self) -> &'static str {
+        match self {
+            Side::Left => "left",
+            Side::Right => "right",
+        }
+    }
+}
+
 /// Facts about the video that photos were taken from
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -64,6 +83,9 @@ pub struct VideoFacts {
     /// Whether colors of high dynamic range were converted
     #[serde(default)]
     pub hdr: bool,
+    /// Where another person is, beside the one who is measured, as seen in the frames
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub other_person: Option<Side>,
     /// Times, in s, and turn angles, in degrees, continued beyond full turns
     #[serde(default)]
     pub turn: Vec<(f64, f64)>,

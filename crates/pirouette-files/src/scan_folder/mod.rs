@@ -375,6 +375,9 @@ fn video_warnings(video: &VideoFacts) -> Vec<ScanWarning> {
         (video.turned_deg < COMPLETE_TURN_DEGREES).then_some(part),
         (video.missing_count > 0).then_some(missing),
         video.hdr.then_some(ScanWarning::HdrConverted),
+        video
+            .other_person
+            .map(|side| ScanWarning::OtherPersonInVideo { side }),
     ];
     all.into_iter().flatten().collect()
 }

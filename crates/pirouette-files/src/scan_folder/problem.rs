@@ -7,7 +7,7 @@ use pirouette::check::CheckWarning;
 use thiserror::Error;
 
 use crate::formats::keypoints::KeypointsError;
-use crate::formats::manifest::ManifestError;
+use crate::formats::manifest::{ManifestError, Side};
 use crate::formats::mask::{MaskError, MaskFix};
 use crate::formats::photo::PhotoError;
 use crate::source::SourceError;
@@ -200,6 +200,12 @@ pub enum ScanWarning {
          completely"
     )]
     PartOfTurn { turned_deg: f64 },
+    #[error(
+        "another person or a mirror image is in the video, on the {}; the other one is measured; film one person alone, since \
+         colors and outlines of both may be confused",
+        side.name()
+    )]
+    OtherPersonInVideo { side: Side },
     #[error("{count} directions have no usable frame: the person was not found in the video there")]
     DirectionsMissing { count: usize },
     #[error(
@@ -238,7 +244,9 @@ impl ScanWarning {
             ScanWarning::KeypointFilesFound { .. } => "keypoint_files_found",
             ScanWarning::KeypointFileUnclear { .. } => "keypoint_file_unclear",
             ScanWarning::JsonFilesUnused { .. } => "json_files_unused",
-            ScanWarning::SecondPerson { .. } => "second_person",
+            ScanWarning::SecondPerson { .. } | ScanWarning::OtherPersonInVideo { .. } => {
+                "second_person"
+            }
             ScanWarning::PartOfTurn { .. } => "part_of_turn",
             ScanWarning::DirectionsMissing { .. } => "directions_missing",
             ScanWarning::HdrConverted => "hdr_converted",

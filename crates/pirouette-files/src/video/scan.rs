@@ -17,7 +17,7 @@ use thiserror::Error;
 
 use super::{FfmpegVideo, VideoError};
 use crate::formats::json::to_strict;
-use crate::formats::manifest::{self, VideoFacts};
+use crate::formats::manifest::{self, Side, VideoFacts};
 use crate::formats::photo::{encode_background, encode_jpeg};
 use crate::source::{Source, SourceError, read_bounded_file};
 
@@ -172,6 +172,10 @@ pub fn scan_of_video(
         turned_deg: round(extracted.choice.turned_radians.to_degrees(), 10.0),
         missing_count: extracted.choice.missing,
         hdr: video.is_hdr(),
+        other_person: extracted.other.map(|other| match other.is_right {
+            true => Side::Right,
+            false => Side::Left,
+        }),
         turn: turn_over_time(&extracted.track),
     };
     let background = extracted.background.take();

@@ -49,7 +49,7 @@ pub enum ChoiceError {
     /// The person hardly turns
     #[error(
         "the person turns by only {degrees:.0} degrees in the video; at least {} are needed, and a complete turn for all \
-         measures",
+         measures; film one person alone",
         MIN_TURN.to_degrees()
     )]
     TooLittle {
@@ -59,7 +59,7 @@ pub enum ChoiceError {
 }
 
 /// Angle that a person must turn by
-const MIN_TURN: f64 = 150.0 * TAU / 360.0;
+pub(super) const MIN_TURN: f64 = 150.0 * TAU / 360.0;
 
 /// Angle that is a complete turn, with the accuracy of the track, in degrees
 pub const COMPLETE_TURN_DEGREES: f64 = 340.0;
@@ -178,6 +178,7 @@ mod tests {
         let survey = Survey {
             frames: frames.collect(),
             size_px: (540, 960),
+            other: None,
         };
         let samples = samples.collect();
         (survey, TurnTrack { samples })

@@ -1,5 +1,6 @@
 //! From a video to its views.
 
+use std::cell::Cell;
 use std::ops::ControlFlow;
 
 use pirouette_body::TurnAngle;
@@ -7,9 +8,10 @@ use pirouette_pose::PoseModel;
 use thiserror::Error;
 
 use super::background::{combine, frames_without};
+use super::choice::MIN_TURN;
 use super::{
-    Choice, ChoiceError, ChoiceOptions, Frame, FrameSource, SurveyOptions, TrackError, TurnTrack,
-    choose_frames, survey,
+    Choice, ChoiceError, ChoiceOptions, Frame, FrameSource, OtherPerson, Survey, SurveyOptions,
+    TrackError, TurnTrack, choose_frames, survey,
 };
 use crate::scan::{Background, Photo};
 
@@ -44,6 +46,8 @@ pub struct Extracted {
     pub choice: Choice,
     /// The scene without the person, if the person comes or leaves in the video
     pub background: Option<Background>,
+    /// Another person, who is not measured
+    pub other: Option<OtherPerson>,
 }
 
 /// Why a video has no views
@@ -69,7 +73,8 @@ const MAX_SIDE_PX: usize = 1920;
 
 /// Finds the turn in a video, and extracts sharp frames spread evenly over it
 ///
-/// The video is decoded twice: once to look at all frames, once for the chosen ones. `on_time` is called with the time of
+/// The video is decoded twice: once to look at all frames, once for the chosen ones. If the person who is found first does
+/// not turn, but another one does, it is decoded once more for that one. `on_time` is called with the time of
 /// each decoded frame, in s; the work is cancelled where it breaks.
 ///
 /// # Errors
@@ -80,20 +85,38 @@ pub fn extract_views<S: FrameSource>(
     options: &ExtractOptions,
     on_time: &mut dyn FnMut(f64) -> ControlFlow<()>,
 ) -> Result<Extracted, ExtractError<S::Error>> {
-    let mut cancelled = false;
+    let cancelled = Cell::new(false);
     let mut watched = |time_s: f64| {
         let flow = on_time(time_s);
-        cancelled |= flow.is_break();
+        cancelled.set(cancelled.get() || flow.is_break());
         flow
     };
-    let survey = survey(source, model, &options.survey, &mut watched);
-    if cancelled {
-        return Err(ExtractError::Cancelled);
+    let mut follow = |options: &SurveyOptions| {
+        let survey = survey(source, model, options, &mut watched);
+        if cancelled.get() {
+            return Err(ExtractError::Cancelled);
+        }
+        Ok(Followed::new(survey.map_err(ExtractError::Decode)?))
+    };
+    let mut found = follow(&options.survey)?;
+    // If the person who was found does not turn, someone who is there, too, may.
+    if let Some(other) = found.survey.other
+        && found.turned_radians() < MIN_TURN
+    {
+        let mut of_other = follow(&SurveyOptions {
+            region: Some(other.region),
+            ..options.survey
+        })?;
+        if of_other.turned_radians() >= MIN_TURN {
+            of_other.survey.other = Some(OtherPerson {
+                is_right: !other.is_right,
+                ..other
+            });
+            found = of_other;
+        }
     }
-    let survey = survey.map_err(ExtractError::Decode)?;
-    let searched = survey.frames.iter().filter(|frame| frame.searched);
-    let track = TurnTrack::find(searched.map(|f| (f.time_s, f.keypoints.as_ref())));
-    let track = track.map_err(ExtractError::Track)?.without_detector_bias();
+    let Followed { survey, track } = found;
+    let track = track.map_err(ExtractError::Track)?;
     let choice = choose_frames(&survey, &track, &options.choice).map_err(ExtractError::Choice)?;
     let without = frames_without(&survey);
     let mut indices: Vec<usize> = choice.frames.iter().map(|frame| frame.index).collect();
@@ -113,11 +136,9 @@ pub fn extract_views<S: FrameSource>(
                 photo: frame.photo,
             });
         }
-        let flow = on_time(frame.time_s);
-        cancelled |= flow.is_break();
-        flow
+        watched(frame.time_s)
     });
-    if cancelled {
+    if cancelled.get() {
         return Err(ExtractError::Cancelled);
     }
     decoded.map_err(ExtractError::Decode)?;
@@ -126,5 +147,29 @@ pub fn extract_views<S: FrameSource>(
         track,
         choice,
         background: combine(&scenes, model),
+        other: survey.other,
     })
+}
+
+/// A person who was followed through the video
+struct Followed {
+    survey: Survey,
+    track: Result<TurnTrack, TrackError>,
+}
+
+impl Followed {
+    fn new(survey: Survey) -> Self {
+        let searched = survey.frames.iter().filter(|frame| frame.searched);
+        let track = TurnTrack::find(searched.map(|f| (f.time_s, f.keypoints.as_ref())));
+        Self {
+            track: track.map(TurnTrack::without_detector_bias),
+            survey,
+        }
+    }
+
+    /// Returns the angle between the extreme directions of the person, 0 if there is no track
+    fn turned_radians(&self) -> f64 {
+        let range = self.track.as_ref().map_or((0.0, 0.0), TurnTrack::range);
+        range.1 - range.0
+    }
 }

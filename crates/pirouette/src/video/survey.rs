@@ -7,7 +7,7 @@ use pirouette_geom::parallel::prelude::*;
 use pirouette_pose::{Detection, PoseModel, Region};
 
 use super::{Frame, FrameSource};
-use crate::detect::{detect_in, to_keypoints};
+use crate::detect::{detect_in, search_beside, to_keypoints};
 use crate::scan::Photo;
 
 /// Options of [`survey`]
@@ -17,6 +17,8 @@ pub struct SurveyOptions {
     pub max_side_px: usize,
     /// Time between frames in which the person is detected, in s
     pub interval_s: f64,
+    /// Where the person is at first, in px of the shrunk frames; if unknown, anyone is searched
+    pub region: Option<Region>,
 }
 
 impl Default for SurveyOptions {
@@ -24,6 +26,7 @@ impl Default for SurveyOptions {
         Self {
             max_side_px: 960,
             interval_s: 0.1,
+            region: None,
         }
     }
 }
@@ -52,12 +55,28 @@ pub struct Survey {
     pub frames: Vec<FrameFacts>,
     /// Columns and rows of the shrunk frames
     pub size_px: (usize, usize),
+    /// Another person, beside the one whose keypoints are in the frames
+    pub other: Option<OtherPerson>,
+}
+
+/// A person beside the one who is followed
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OtherPerson {
+    /// Where that person is, in px of the shrunk frames
+    pub region: Region,
+    /// Whether that person is to the right of the one who is followed, as seen in the frame
+    pub is_right: bool,
 }
 
 /// Number of frames in which the person is detected at the same time
 const BATCH: usize = 16;
 
+/// Size of another person relative to the one who is followed: others are pictures, or far away
+const MIN_OTHER_SIZE: f64 = 0.5;
+
 /// Looks at all frames of a video
+///
+/// Another person is searched a few times, most often at the beginning.
 ///
 /// `on_frame` is called with the time of each frame, in s; the survey ends where it breaks.
 ///
@@ -73,7 +92,8 @@ pub fn survey<S: FrameSource>(
         model,
         survey: Survey::default(),
         batch: Vec::new(),
-        region: None,
+        region: options.region,
+        followed_batches: 0,
         next_s: f64::NEG_INFINITY,
         interval_s: options.interval_s,
     };
@@ -93,6 +113,8 @@ struct Surveyor<'a> {
     batch: Vec<(usize, Photo)>,
     /// Where the person was found last
     region: Option<Region>,
+    /// Number of batches with the person
+    followed_batches: u32,
     /// Time from which on the next frame is searched, in s
     next_s: f64,
     interval_s: f64,
@@ -146,6 +168,20 @@ impl Surveyor<'_> {
             .map(|(_, photo)| detect_in(self.model, photo, Some(region), false, false))
             .collect();
         self.region = found.iter().flatten().last().map(|found| found.next_region);
+        self.followed_batches += u32::from(self.region.is_some());
+        // Rarely, since it takes as long as the detection in some batches: someone may come in later.
+        if let Some(region) = self.region
+            && self.survey.other.is_none()
+            && [1, 4, 16, 64].contains(&self.followed_batches)
+        {
+            let middle = batch.get(batch.len() / 2);
+            let other = middle.and_then(|(_, photo)| search_beside(self.model, photo, &region));
+            let is_alike = |other: &Region| other.size() > MIN_OTHER_SIZE * region.size();
+            self.survey.other = other.filter(is_alike).map(|other| OtherPerson {
+                region: other,
+                is_right: other.center()[0] > region.center()[0],
+            });
+        }
         for ((position, _), found) in batch.iter().zip(found) {
             let keypoints = found.map(|found| to_keypoints(&found.landmarks));
             self.survey.frames[*position].keypoints = keypoints;
