@@ -24,7 +24,7 @@ pub enum PageError {
 
 const TITLE: &str = "Results";
 
-const ABOUT: [&str; 3] = [
+const ABOUT: [&str; 4] = [
     "The results published in Zwettler et al., \"Three-step Alignment Approach for Fitting a Normalized Mask of a Person \
      Rotating in A-Pose or T-Pose\" (VISAPP 2021), reproduced with rendered people, and compared with the published figures. \
      `pirouette eval` generates this page; all seeds are fixed. Times depend on the machine, and so may the last digits of other \
@@ -34,6 +34,8 @@ const ABOUT: [&str; 3] = [
      figures are of other people and pictures: a comparison of numbers, not of the same experiment.",
     "Every experiment also runs the same code with one part disabled. In pictures, red marks pixels that were found but are \
      not true, blue marks true pixels that were not found.",
+    "Turn angles that are found in videos and photos, beside the error published in Baumgartner et al. 2020, are in \
+     `videos.md` and `angles.md`, which `pirouette eval videos` and `pirouette eval angles` generate.",
 ];
 
 /// A page as Markdown, and its pictures
