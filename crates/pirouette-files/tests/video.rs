@@ -115,6 +115,21 @@ fn times_are_those_of_the_file_at_a_variable_rate() {
 }
 
 #[test]
+fn any_number_of_frames_can_be_selected() {
+    let folder = tempfile::tempdir().unwrap();
+    let long = "testsrc=s=64x48:r=100:d=4";
+    let Some(long) = made(folder.path(), "long.mp4", &["-f", "lavfi", "-i", long]) else {
+        return;
+    };
+    for count in [0, 1, 2, 99, 140, 400] {
+        let wanted: Vec<usize> = (0..count).map(|i| i * (400 / count)).collect();
+        let (_, some) = frames(&long, Some(&wanted));
+        let found: Vec<usize> = some.iter().map(|frame| frame.index).collect();
+        assert_eq!(found, wanted, "{count}");
+    }
+}
+
+#[test]
 fn a_high_dynamic_range_is_converted() {
     let folder = tempfile::tempdir().unwrap();
     // White paper, 203 cd/m2, is 58 % of the signal by the curve of ST 2084 (ITU-R BT.2408): 572 of 10 bits.

@@ -115,13 +115,7 @@ impl FfmpegVideo {
     fn filters(&self, max_side_px: usize, indices: Option<&[usize]>) -> String {
         let mut filters = Vec::new();
         if let Some(indices) = indices {
-            let terms: Vec<String> = indices.iter().map(|n| format!("eq(n,{n})")).collect();
-            let any = if terms.is_empty() {
-                "0".to_owned()
-            } else {
-                terms.join("+")
-            };
-            filters.push(format!("select='{any}'"));
+            filters.push(format!("select='{}'", any_of(indices)));
         }
         if self.hdr {
             // 203 cd/m2 is the brightness of white paper (ITU-R BT.2408).
@@ -157,6 +151,20 @@ impl FfmpegVideo {
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
         command.spawn().map_err(|e| cannot_start("ffmpeg", e))
+    }
+}
+
+/// Returns an expression of ffmpeg that is not 0 for frames of given numbers
+///
+/// Sums of more than 100 terms are too deep for it; nested in halves, they are not.
+fn any_of(indices: &[usize]) -> String {
+    match indices {
+        [] => "0".to_owned(),
+        [index] => format!("eq(n,{index})"),
+        several => {
+            let (first, second) = several.split_at(several.len() / 2);
+            format!("({}+{})", any_of(first), any_of(second))
+        }
     }
 }
 
