@@ -11,7 +11,7 @@ use pirouette_synthetic::{Random, SyntheticScan, synthesize};
 use serde_json::{Value, json};
 
 use crate::people::{KEYPOINT_NOISE_PX, Person};
-use crate::table::{Cell, Table, capitalized, mean};
+use crate::table::{Cell, Table, mean};
 use crate::trial::{Score, score};
 use crate::turn_errors::{TurnErrors, worst};
 use crate::{OnStep, StudyError, do_all};
@@ -315,12 +315,7 @@ fn page(options: &AnglesOptions, tables: &[Table]) -> String {
          `pirouette eval bodies`.\n",
     ];
     for (table, text) in tables.iter().zip(explained) {
-        let _ = write!(
-            page,
-            "\n## {}\n\n{}\n{text}",
-            capitalized(&table.title),
-            table.to_markdown()
-        );
+        let _ = write!(page, "\n{}\n{text}", table.to_section());
     }
     page
 }

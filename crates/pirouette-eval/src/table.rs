@@ -66,7 +66,7 @@ pub(crate) fn percentile(values: &[f64], share: f64) -> Option<f64> {
 }
 
 /// Returns a text with its first letter in upper case
-pub(crate) fn capitalized(text: &str) -> String {
+fn capitalized(text: &str) -> String {
     let mut letters = text.chars();
     let first = letters.next().map(|c| c.to_uppercase().to_string());
     first.unwrap_or_default() + letters.as_str()
@@ -133,6 +133,11 @@ impl Table {
             })
             .collect();
         json!({ "title": self.title, "rows": rows, "notes": self.notes })
+    }
+
+    /// Returns heading, columns and rows in Markdown, without notes
+    pub fn to_section(&self) -> String {
+        format!("## {}\n\n{}", capitalized(&self.title), self.to_markdown())
     }
 
     /// Returns the columns and rows in Markdown, without title and notes

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::outcome::{Judged, MAX_DEVIATIONS, MEASURES, MIN_ERROR_MM, Measured, Outcome, name_of};
 use super::{BMI, Case, Fault, FaultsOptions, FaultsStudy, Found, Strength};
-use crate::table::{Cell, Table, capitalized, percentile};
+use crate::table::{Cell, Table, percentile};
 
 pub(super) fn write_study(
     options: &FaultsOptions,
@@ -208,12 +208,7 @@ fn page(options: &FaultsOptions, faults: &[Fault], found: &[Found], tables: &[Ta
         );
     }
     for table in tables {
-        let _ = write!(
-            page,
-            "\n## {}\n\n{}",
-            capitalized(&table.title),
-            table.to_markdown()
-        );
+        let _ = write!(page, "\n{}", table.to_section());
     }
     page.push_str(
         "\nErrors are in mm, ± the reported standard deviation; only wrong measures are listed. `overlap` is the mean\n\

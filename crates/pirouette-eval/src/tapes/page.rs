@@ -1,7 +1,6 @@
 //! The page of the tapes study: its text and its two pictures.
 
 use super::*;
-use crate::table::capitalized;
 
 pub(super) fn page(options: &TapesOptions, scanned: &[Scanned], tables: &[Table]) -> String {
     let mut page = String::new();
@@ -31,12 +30,7 @@ pub(super) fn page(options: &TapesOptions, scanned: &[Scanned], tables: &[Table]
          ![Errors by number of views](accuracy-views.svg)\n\n"
     );
     for table in tables {
-        let _ = write!(
-            page,
-            "## {}\n\n{}\n",
-            capitalized(&table.title),
-            table.to_markdown()
-        );
+        let _ = writeln!(page, "{}", table.to_section());
     }
     page.push_str(&recommendation(options, scanned));
     page

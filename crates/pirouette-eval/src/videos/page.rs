@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::{COURSES, FRAMES_PER_S, Finder, Found, SIZE_PX, Scanned, USUAL, VIEW_COUNTS};
 use crate::film::BITS_PER_S;
-use crate::table::{Cell, Table, capitalized, mean};
+use crate::table::{Cell, Table, mean};
 use crate::trial::{GIRTHS, Score};
 use crate::turn_errors::{TurnErrors, mean_size, worst};
 
@@ -240,12 +240,7 @@ pub(super) fn page(people: usize, tables: &[Table]) -> String {
         "\nThe same videos with fewer and with more views.\n",
     ];
     for (table, text) in tables.iter().zip(explained) {
-        let _ = write!(
-            page,
-            "\n## {}\n\n{}{text}",
-            capitalized(&table.title),
-            table.to_markdown()
-        );
+        let _ = write!(page, "\n{}{text}", table.to_section());
     }
     page
 }
