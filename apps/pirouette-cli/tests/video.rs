@@ -11,10 +11,11 @@ use std::process::Command;
 
 use common::{Folders, network, pirouette, text};
 use pirouette::measure::{Measure, measure_avatar};
-use pirouette::pipeline::CancelToken;
+use pirouette::pipeline::{CancelToken, Config, Goal, Method};
 use pirouette::pose::PoseModel;
-use pirouette_body::Avatar;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
+use pirouette_body::{Avatar, Joint};
+use pirouette_files::job::{JobOptions, run_job};
 use pirouette_files::scan_folder::{LoadOptions, WithoutKeypoints, load_source};
 use pirouette_files::video::{VideoFile, VideoOptions as ScanOptions, VideoWriter, scan_of_video};
 use pirouette_synthetic::video::{TurnCourse, VideoOptions, render_video};
@@ -105,7 +106,7 @@ fn room_is_found(file: &Path, model: &str) {
     assert!(beside < 4.0 && trunk > 4.0 * beside, "{beside} {trunk}");
 }
 
-/// Checks that a helper beside the person, who stands still, is told and not followed
+/// Checks that a helper beside the person, who stands still, is reported and not followed
 fn whoever_turns_is_measured(folders: &Folders, file: &Path, model: &str) {
     let (still, both) = (folders.path("still.png"), folders.path("both.mp4"));
     let ffmpeg = |arguments: &[&str]| {
@@ -134,7 +135,25 @@ fn whoever_turns_is_measured(folders: &Folders, file: &Path, model: &str) {
     let found = scan_of_video(&video, &model, &options, &cancel, &mut |_| {}).unwrap();
     let (low, high) = found.extracted.track.range();
     assert!((high - low).to_degrees() > 330.0, "{low} {high}");
-    assert!(found.extracted.other.is_some_and(|other| !other.is_right));
+    let people = found.extracted.two_people.unwrap();
+    assert!(!people.is_other_right());
+    // The keypoints are those of the same person.
+    let done = run_job(
+        found.source,
+        &Config::new(Goal::Segment, Method::Fit),
+        &JobOptions {
+            pose_model: Some(&model),
+            ..JobOptions::default()
+        },
+        &cancel,
+        &mut |_| {},
+    );
+    let loaded = done.unwrap().loaded;
+    assert!(loaded.warnings.iter().any(|w| w.code() == "second_person"));
+    for view in &loaded.scan.views {
+        let middle = view.keypoints.get(Joint::MidHip).position.x;
+        assert!(middle > view.photo.width() as f64 / 2.0, "{middle}");
+    }
 }
 
 #[test]

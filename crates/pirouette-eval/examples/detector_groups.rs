@@ -82,7 +82,7 @@ fn photos_of(model: &PoseModel, index: usize) -> Result<Vec<Seen>, Box<dyn Error
     let synthetic = person.photograph_in(VIEW_COUNT, &appearance);
     let views = &synthetic.scan.views;
     let photos: Vec<_> = views.iter().map(|view| &view.photo).collect();
-    let found = detect_keypoints(model, &photos, false, &|| {}, &|| false).keypoints;
+    let found = detect_keypoints(model, &photos, None, false, &|| {}, &|| false).keypoints;
     let (avatar, camera) = (&person.avatar, &synthetic.truth.camera);
     let expected = detected_positions(avatar);
     let px_per_percent = camera.focal_px() / camera.distance_mm * avatar.stature_mm() / 100.0;

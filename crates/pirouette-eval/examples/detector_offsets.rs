@@ -90,7 +90,7 @@ fn collect(model: &PoseModel, person: &Person, rows: &mut PerJoint<Vec<Row>>) ->
         .iter()
         .map(|view| &view.photo)
         .collect();
-    let found = detect_keypoints(model, &photos, false, &|| {}, &|| false).keypoints;
+    let found = detect_keypoints(model, &photos, None, false, &|| {}, &|| false).keypoints;
     let (avatar, camera) = (&person.avatar, &synthetic.truth.camera);
     let unit = avatar.stature_mm() / 1000.0;
     let px_per_permille = camera.focal_px() / camera.distance_mm * unit;

@@ -76,7 +76,7 @@ fn errors(model: &PoseModel, person: &Person) -> Result<Vec<f64>, Box<dyn Error>
         .iter()
         .map(|view| &view.photo)
         .collect();
-    let found = detect_keypoints(model, &photos, false, &|| {}, &|| false).keypoints;
+    let found = detect_keypoints(model, &photos, None, false, &|| {}, &|| false).keypoints;
     let time_s = |view: usize| TURN_S * view as f64 / VIEWS as f64;
     // The turn before and the one after, so that all directions have neighbors
     let frames = (0..3 * VIEWS).map(|i| (time_s(i), found[i % VIEWS].as_ref()));

@@ -301,7 +301,12 @@ pub(crate) fn detect(
     };
     // Photos of one scene have a clean plate, which knows more.
     let single = loaded.scan.views.len() < 2 || !loaded.scan.has_one_shape();
-    let found = detect_keypoints(model, &photos, single, &step, &|| cancel.cancelled());
+    // Of two people in a video, the one whose turn was found
+    let two_people = loaded.video.as_ref().and_then(|video| video.two_people);
+    let person = two_people.and_then(|people| people.measured(photos[0].width()));
+    let found = detect_keypoints(model, &photos, person, single, &step, &|| {
+        cancel.cancelled()
+    });
     if cancel.cancelled() {
         return Err(PipelineError::Cancelled);
     }

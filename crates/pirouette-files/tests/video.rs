@@ -3,7 +3,7 @@
 #![allow(
     clippy::unwrap_used,
     clippy::print_stderr,
-    reason = "a test may panic, and tells why it is skipped"
+    reason = "a test may panic, and reports why it is skipped"
 )]
 
 use std::ops::ControlFlow;

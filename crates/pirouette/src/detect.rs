@@ -117,12 +117,14 @@ pub struct DetectedKeypoints {
 
 /// Detects the keypoints of the person in each photo
 ///
-/// If the person who is found first stands still in all photos, another one is searched who turns. `want_odds` requests
+/// `person` is where the person is, in px of the first photo, if known; otherwise the complete photos are searched. If the
+/// person who is found first stands still in all photos, another one is searched who turns. `want_odds` requests
 /// [`DetectedKeypoints::person_odds`], which takes a third of the time more. `on_photo_done` is called after each photo,
 /// from any thread. After `cancelled` returns true, photos without a result have `None`.
 pub fn detect_keypoints(
     model: &PoseModel,
     photos: &[&Photo],
+    person: Option<Region>,
     want_odds: bool,
     on_photo_done: &(dyn Fn() + Sync),
     cancelled: &(dyn Fn() -> bool + Sync),
@@ -131,7 +133,9 @@ pub fn detect_keypoints(
         let photo = (!cancelled()).then(|| as_input(photos[index])).flatten()?;
         Some((index, model.search(&photo)?))
     };
-    let first = (0..photos.len()).find_map(search);
+    let given = person.filter(|_| !photos.is_empty());
+    let given = given.map(|region| (0, region));
+    let first = given.or_else(|| (0..photos.len()).find_map(search));
     let in_all =
         |known: Option<(usize, Region)>, done: &(dyn Fn() + Sync)| -> Vec<Option<Detection>> {
             let detect = |(index, photo): (usize, &&Photo)| {

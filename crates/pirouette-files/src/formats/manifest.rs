@@ -12,6 +12,7 @@ use super::json::{JsonError, to_strict};
 use crate::source::stays_inside;
 use pirouette::scan::{CameraSetup, Subject};
 use pirouette_body::{ReferencePose, Sex};
+use pirouette_pose::Region;
 
 /// Name of the manifest in a scan folder
 pub const FILE_NAME: &str = "scan.json";
@@ -52,6 +53,26 @@ pub struct Manifest {
     pub views: Option<Vec<ManifestView>>,
 }
 
+/// Where a person is in the frames of a video with another one
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct PersonBesideAnother {
+    /// Center of a square around the person who is measured, relative to the width of the frame: x right, y down
+    pub center: [f64; 2],
+    /// Edge length of the square, relative to the width of the frame
+    pub size: f64,
+    /// Where the other person is, as seen in the frame
+    pub other: Side,
+}
+
+impl PersonBesideAnother {
+    /// Returns the square in a frame of some width; `None` if values are not finite or too large
+    pub fn measured(&self, width_px: usize) -> Option<Region> {
+        let width = width_px as f64;
+        Region::new(self.center.map(|x| x * width), self.size * width, 0.0)
+    }
+}
+
 /// A side of the picture
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -83,9 +104,9 @@ pub struct VideoFacts {
     /// Whether colors of high dynamic range were converted
     #[serde(default)]
     pub hdr: bool,
-    /// Where another person is, beside the one who is measured, as seen in the frames
+    /// Where the person is who is measured, if there is another one
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub other_person: Option<Side>,
+    pub two_people: Option<PersonBesideAnother>,
     /// Times, in s, and turn angles, in degrees, continued beyond full turns
     #[serde(default)]
     pub turn: Vec<(f64, f64)>,

@@ -376,8 +376,8 @@ fn video_warnings(video: &VideoFacts) -> Vec<ScanWarning> {
         (video.missing_count > 0).then_some(missing),
         video.hdr.then_some(ScanWarning::HdrConverted),
         video
-            .other_person
-            .map(|side| ScanWarning::OtherPersonInVideo { side }),
+            .two_people
+            .map(|people| ScanWarning::OtherPersonInVideo { side: people.other }),
     ];
     all.into_iter().flatten().collect()
 }

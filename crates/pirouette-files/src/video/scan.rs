@@ -8,7 +8,7 @@ use std::sync::Arc;
 use pirouette::pipeline::CancelToken;
 use pirouette::scan::Background;
 use pirouette::video::{
-    ExtractError, ExtractOptions, Extracted, ExtractedView, TurnTrack, extract_views,
+    ExtractError, ExtractOptions, Extracted, ExtractedView, TurnTrack, TwoPeople, extract_views,
 };
 use pirouette_geom::parallel::prelude::*;
 use pirouette_pose::PoseModel;
@@ -17,7 +17,7 @@ use thiserror::Error;
 
 use super::{FfmpegVideo, VideoError};
 use crate::formats::json::to_strict;
-use crate::formats::manifest::{self, Side, VideoFacts};
+use crate::formats::manifest::{self, PersonBesideAnother, Side, VideoFacts};
 use crate::formats::photo::{encode_background, encode_jpeg};
 use crate::source::{Source, SourceError, read_bounded_file};
 
@@ -172,10 +172,9 @@ pub fn scan_of_video(
         turned_deg: round(extracted.choice.turned_radians.to_degrees(), 10.0),
         missing_count: extracted.choice.missing,
         hdr: video.is_hdr(),
-        other_person: extracted.other.map(|other| match other.is_right {
-            true => Side::Right,
-            false => Side::Left,
-        }),
+        two_people: extracted
+            .two_people
+            .map(|people| person_beside_another(&people, extracted.size_px.0)),
         turn: turn_over_time(&extracted.track),
     };
     let background = extracted.background.take();
@@ -223,6 +222,20 @@ fn make_source(
         path: file.video.clone(),
         source,
     })
+}
+
+/// Returns where the person is, in frames of some width
+fn person_beside_another(people: &TwoPeople, width_px: usize) -> PersonBesideAnother {
+    let share = |px: f64| round(px / width_px as f64, 1e4);
+    PersonBesideAnother {
+        center: people.followed.center().map(share),
+        size: share(people.followed.size()),
+        other: if people.is_other_right() {
+            Side::Right
+        } else {
+            Side::Left
+        },
+    }
 }
 
 /// Returns the turn over time, in s and degrees, by at most a few hundred points

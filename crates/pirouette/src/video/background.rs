@@ -180,7 +180,7 @@ mod tests {
         Survey {
             frames: frames.collect(),
             size_px: (540, 960),
-            other: None,
+            two_people: None,
         }
     }
 

@@ -178,7 +178,7 @@ mod tests {
         let survey = Survey {
             frames: frames.collect(),
             size_px: (540, 960),
-            other: None,
+            two_people: None,
         };
         let samples = samples.collect();
         (survey, TurnTrack { samples })

@@ -10,8 +10,8 @@ use thiserror::Error;
 use super::background::{combine, frames_without};
 use super::choice::MIN_TURN;
 use super::{
-    Choice, ChoiceError, ChoiceOptions, Frame, FrameSource, OtherPerson, Survey, SurveyOptions,
-    TrackError, TurnTrack, choose_frames, survey,
+    Choice, ChoiceError, ChoiceOptions, Frame, FrameSource, Survey, SurveyOptions, TrackError,
+    TurnTrack, TwoPeople, choose_frames, survey,
 };
 use crate::scan::{Background, Photo};
 
@@ -46,8 +46,10 @@ pub struct Extracted {
     pub choice: Choice,
     /// The scene without the person, if the person comes or leaves in the video
     pub background: Option<Background>,
-    /// Another person, who is not measured
-    pub other: Option<OtherPerson>,
+    /// Where the person is, and another one, if there is one
+    pub two_people: Option<TwoPeople>,
+    /// Columns and rows of the frames in which they are
+    pub size_px: (usize, usize),
 }
 
 /// Why a video has no views
@@ -103,17 +105,17 @@ pub fn extract_views<S: FrameSource>(
     };
     let mut found = follow(&options.survey)?;
     // If the person who was found does not turn, someone who is there, too, may.
-    if let Some(other) = found.survey.other
+    if let Some(people) = found.survey.two_people
         && found.turned_radians() < MIN_TURN
     {
         let mut of_other = follow(&SurveyOptions {
-            region: Some(other.region),
+            region: Some(people.other),
             ..options.survey
         })?;
         if of_other.turned_radians() >= MIN_TURN {
-            of_other.survey.other = Some(OtherPerson {
-                is_right: !other.is_right,
-                ..other
+            of_other.survey.two_people = Some(TwoPeople {
+                followed: people.other,
+                other: people.followed,
             });
             found = of_other;
         }
@@ -150,7 +152,8 @@ pub fn extract_views<S: FrameSource>(
         track,
         choice,
         background: combine(&scenes, model),
-        other: survey.other,
+        two_people: survey.two_people,
+        size_px: survey.size_px,
     })
 }
 

@@ -19,7 +19,7 @@ pub use choice::{
     COMPLETE_TURN_DEGREES, Choice, ChoiceError, ChoiceOptions, ChosenFrame, choose_frames,
 };
 pub use extract::{ExtractError, ExtractOptions, Extracted, ExtractedView, extract_views};
-pub use survey::{FrameFacts, OtherPerson, Survey, SurveyOptions, survey};
+pub use survey::{FrameFacts, Survey, SurveyOptions, TwoPeople, survey};
 pub use turn_track::{TrackError, TurnSample, TurnTrack, tracked_turn_sd_radians};
 
 /// A decoded frame

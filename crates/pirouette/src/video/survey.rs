@@ -55,17 +55,24 @@ pub struct Survey {
     pub frames: Vec<FrameFacts>,
     /// Columns and rows of the shrunk frames
     pub size_px: (usize, usize),
-    /// Another person, beside the one whose keypoints are in the frames
-    pub other: Option<OtherPerson>,
+    /// The person whose keypoints are in the frames, and another one, if there is one
+    pub two_people: Option<TwoPeople>,
 }
 
-/// A person beside the one who is followed
+/// Where two people are in a frame, in px of the shrunk frame
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OtherPerson {
-    /// Where that person is, in px of the shrunk frames
-    pub region: Region,
-    /// Whether that person is to the right of the one who is followed, as seen in the frame
-    pub is_right: bool,
+pub struct TwoPeople {
+    /// The person who is followed
+    pub followed: Region,
+    /// The other one
+    pub other: Region,
+}
+
+impl TwoPeople {
+    /// Returns whether the other person is to the right of the one who is followed
+    pub fn is_other_right(&self) -> bool {
+        self.other.center()[0] > self.followed.center()[0]
+    }
 }
 
 /// Number of frames in which the person is detected at the same time
@@ -167,26 +174,31 @@ impl Surveyor<'_> {
             .par_iter()
             .map(|(_, photo)| detect_in(self.model, photo, Some(region), false, false))
             .collect();
-        self.region = found.iter().flatten().last().map(|found| found.next_region);
+        self.region = last_found(&batch, &found).map(|(region, _)| region);
         self.followed_batches += u32::from(self.region.is_some());
         // Rarely, since it takes as long as the detection in some batches: someone may come in later.
-        if let Some(region) = self.region
-            && self.survey.other.is_none()
+        if self.survey.two_people.is_none()
             && [1, 4, 16, 64].contains(&self.followed_batches)
+            && let Some((followed, photo)) = last_found(&batch, &found)
         {
-            let middle = batch.get(batch.len() / 2);
-            let other = middle.and_then(|(_, photo)| search_beside(self.model, photo, &region));
-            let is_alike = |other: &Region| other.size() > MIN_OTHER_SIZE * region.size();
-            self.survey.other = other.filter(is_alike).map(|other| OtherPerson {
-                region: other,
-                is_right: other.center()[0] > region.center()[0],
-            });
+            let is_alike = |other: &Region| other.size() > MIN_OTHER_SIZE * followed.size();
+            let other = search_beside(self.model, photo, &followed).filter(is_alike);
+            self.survey.two_people = other.map(|other| TwoPeople { followed, other });
         }
         for ((position, _), found) in batch.iter().zip(found) {
             let keypoints = found.map(|found| to_keypoints(&found.landmarks));
             self.survey.frames[*position].keypoints = keypoints;
         }
     }
+}
+
+/// Returns the last frame in which the person was found, and where
+fn last_found<'a>(
+    batch: &'a [(usize, Photo)],
+    found: &[Option<Detection>],
+) -> Option<(Region, &'a Photo)> {
+    let mut frames = batch.iter().zip(found).rev();
+    frames.find_map(|((_, photo), found)| Some((found.as_ref()?.next_region, photo)))
 }
 
 /// Returns sharpness in a square, given by center and side, or in the complete picture; and brightness
