@@ -7,6 +7,7 @@ mod check_command;
 mod demo_command;
 mod eval_command;
 mod keypoints_command;
+mod measure_command;
 mod models_command;
 mod open;
 mod output;
@@ -76,7 +77,7 @@ fn run_command(cli: &Cli, output: Output, cancel: &CancelToken) -> Result<()> {
         Command::Segment(args) => scan(args, Goal::Segment),
         Command::Normalize(args) => scan(args, Goal::Normalize),
         Command::Reconstruct(args) => scan(args, Goal::Reconstruct),
-        Command::Measure(args) => scan(args, Goal::Measure),
+        Command::Measure(args) => measure_command::run(args, output, cli.quiet, cancel),
         Command::Check(args) => check_command::run(args, output, cli.quiet, cancel),
         Command::Keypoints(args) => keypoints_command::run(args, output, cli.quiet, cancel),
         Command::Demo(args) => demo_command::run(args, output, cli.quiet, cancel),

@@ -32,9 +32,6 @@ pub fn run(
 ) -> Result<()> {
     let progress = Progress::new(quiet);
     let config = config(&args.method, goal)?;
-    let formats: Vec<MeshFormat> = args.format.iter().map(|format| format.of_mesh()).collect();
-    let exports: Vec<ExportFormat> = args.export.iter().map(|e| e.of_file()).collect();
-    let charts = charts(args.chart.as_deref())?;
     let scale = args.scale.map(|source| source.of_job());
     let pose_model = pose_model(args.pose_model.as_deref())?;
     let files = match &args.keypoints {
@@ -55,12 +52,6 @@ pub fn run(
     let source = open_scan(&args.scan, pose_model.as_ref(), &video, &progress, cancel)
         .inspect_err(|_| remove_results(&args.out))?;
     let title = source.title();
-    let options = ResultOptions {
-        formats: &formats,
-        page_title: args.report.then_some(title.as_str()),
-        charts: &charts,
-        exports: &exports,
-    };
     let job_options = JobOptions {
         scale,
         pose_model: pose_model.as_ref(),
@@ -68,6 +59,26 @@ pub fn run(
         angles_unknown: args.angles == Some(Angles::Unknown),
     };
     let job = || scan_source(source, &config, &job_options, &progress, cancel);
+    write_and_print(args, &title, output, &progress, job)
+}
+
+/// Runs a job, writes its results as the arguments say, and prints them
+pub fn write_and_print(
+    args: &ScanArgs,
+    title: &str,
+    output: Output,
+    progress: &Progress,
+    job: impl FnOnce() -> Result<FinishedJob>,
+) -> Result<()> {
+    let formats: Vec<MeshFormat> = args.format.iter().map(|format| format.of_mesh()).collect();
+    let exports: Vec<ExportFormat> = args.export.iter().map(|e| e.of_file()).collect();
+    let charts = charts(args.chart.as_deref())?;
+    let options = ResultOptions {
+        formats: &formats,
+        page_title: args.report.then_some(title),
+        charts: &charts,
+        exports: &exports,
+    };
     let done = job().inspect_err(|_| remove_results(&args.out));
     let done = done.and_then(|done| Ok(done.write(&args.out, &options).map(|()| done)?));
     progress.finish();

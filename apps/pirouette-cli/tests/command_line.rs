@@ -206,6 +206,38 @@ fn arap_names_the_invalid_line() {
 }
 
 #[test]
+fn a_mesh_is_measured() {
+    let folders = Folders::empty();
+    let mesh = folders.path("woman.glb");
+    let make = ["avatar", "--sex", "female", "--stature", "1650", "--mass"];
+    pirouette(&[&make[..], &["64", "-o", text(&mesh)]].concat()).exits_with(0);
+    let out = folders.path("out");
+    let run = pirouette(&["measure", text(&mesh), "-o", text(&out), "--json"]).exits_with(0);
+    let found = run.json_line();
+    assert_eq!(found["scale"], "mesh", "{found}");
+    let value = |key: &str| found["measurements_mm"][key].as_f64().unwrap();
+    assert!((value("stature") - 1650.0).abs() < 2.0, "{found}");
+    assert!((700.0..900.0).contains(&value("waist_girth")), "{found}");
+    for file in ["body.ply", "tapes.jpg", "measurements.json", "result.json"] {
+        assert!(out.join(file).exists(), "{file}");
+    }
+
+    // A mesh that cannot be measured is one clear error, and removes the earlier result.
+    let broken = folders.write("broken.obj", "v 0 0 0\nf 1 2 3\n");
+    let run = pirouette(&["measure", text(&broken), "-o", text(&out)]).exits_with(1);
+    let error = run.stderr();
+    assert!(
+        error.contains("broken.obj") && error.contains("line 2"),
+        "{error}"
+    );
+    assert!(!out.join("result.json").exists());
+    let run = pirouette(&["measure", text(&mesh), "--angles", "unknown"]).exits_with(1);
+    assert!(run.stderr().contains("not for meshes"), "{}", run.stderr());
+    let run = pirouette(&["measure", text(&folders.scan()), "--up", "z"]).exits_with(1);
+    assert!(run.stderr().contains("for meshes"), "{}", run.stderr());
+}
+
+#[test]
 fn the_avatar_is_written_as_an_image_or_a_mesh() {
     let folders = Folders::empty();
     for (file, start) in [

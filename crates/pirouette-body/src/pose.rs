@@ -70,6 +70,16 @@ impl Pose {
         TurnAngle::from_radians(2.0 * sine.atan2(cosine))
     }
 
+    /// Returns the pose at another turn angle in which the complete person is turned with the angle
+    ///
+    /// The room points are those of the pose, rotated about the vertical axis by the difference of the angles.
+    pub fn turned(mut self, turn: TurnAngle, other: TurnAngle) -> Self {
+        let by = other.room_from_world() * turn.room_from_world().transpose();
+        self.rotations[Bone::Root] = by * self.rotations[Bone::Root];
+        self.shift_mm = by * self.shift_mm;
+        self
+    }
+
     /// Returns the same pose relative to another turn angle: no point in the room moves
     pub fn about_turn(mut self, turn: TurnAngle, other: TurnAngle) -> Self {
         let root = &mut self.rotations[Bone::Root];

@@ -12,6 +12,8 @@ use web_time::Instant;
 use pirouette::check::{CheckError, check_scan};
 use pirouette::detect::detect_keypoints;
 use pirouette::estimate::{EstimateError, estimate_keypoints};
+use pirouette::geom::TriMesh;
+use pirouette::mesh_scan::{MeshScanError, MeshScanOptions, scan_of_mesh};
 use pirouette::pipeline::{
     self, AvatarSource, CancelToken, Capture, Config, Event, Goal, PipelineError, Report, Stage,
     check_capture,
@@ -90,6 +92,9 @@ pub enum JobError {
          or install the pose detector with 'pirouette models install'"
     )]
     AnglesUnknown,
+    /// The mesh cannot be measured
+    #[error(transparent)]
+    Mesh(#[from] MeshScanError),
     /// The photos cannot give a body
     #[error(transparent)]
     Check(#[from] CheckError),
@@ -182,6 +187,38 @@ pub fn check_job(
     let prepared = prepare(source, Goal::Measure, options, cancel, on_event)?;
     let capture = check_capture(&prepared.loaded.scan, avatar)?;
     Ok((prepared.loaded, capture))
+}
+
+/// Fits a body to a mesh of a person and measures it, up to the goal of `config`
+///
+/// # Errors
+/// When the mesh is no person, or the computation fails or is cancelled.
+pub fn run_mesh_job(
+    mesh: &TriMesh,
+    options: &MeshScanOptions,
+    config: &Config,
+    cancel: &CancelToken,
+    on_event: &mut (dyn FnMut(JobEvent) + Send),
+) -> Result<FinishedJob, JobError> {
+    let (stage, start) = (Stage::Load, Instant::now());
+    on_event(JobEvent::Pipeline(Event::StageStarted {
+        stage,
+        step_count: 1,
+    }));
+    let scan = scan_of_mesh(mesh, options, &|| cancel.cancelled())?;
+    let load_seconds = start.elapsed().as_secs_f64();
+    on_event(JobEvent::Pipeline(Event::StageDone {
+        stage,
+        seconds: load_seconds,
+    }));
+    let report = pipeline::run(&scan, config, cancel, &mut |event| {
+        on_event(JobEvent::Pipeline(event));
+    })?;
+    Ok(FinishedJob {
+        loaded: LoadedScan::in_memory(scan),
+        load_seconds,
+        report,
+    })
 }
 
 /// A scan that is ready to compute

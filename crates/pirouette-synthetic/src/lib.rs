@@ -207,6 +207,7 @@ pub fn synthesize_in(
         views: Vec::new(),
         background: None,
         unusable_view_count: 0,
+        surface: None,
     };
     for (view, pose, silhouette, canonical) in views {
         scan.views.push(view);

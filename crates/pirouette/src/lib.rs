@@ -93,6 +93,7 @@ pub mod color;
 pub mod detect;
 pub mod estimate;
 pub mod measure;
+pub mod mesh_scan;
 pub mod normalize;
 pub mod pipeline;
 pub mod scale;

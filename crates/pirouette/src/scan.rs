@@ -1,6 +1,6 @@
 //! A scan: all views of one person turning before one static camera.
 
-use pirouette_geom::{Grid, Mask};
+use pirouette_geom::{Grid, Mask, TriMesh};
 
 use pirouette_body::{Keypoints, ReferencePose, Sex, TurnAngle};
 use pirouette_segment::seeds::LogOdds;
@@ -29,6 +29,8 @@ pub struct Scan {
     pub background: Option<Background>,
     /// Number of given views that cannot be used, and are not in `views`
     pub unusable_view_count: usize,
+    /// The surface of the person at turn 0, world frame, mm, if the views are those of a known mesh
+    pub surface: Option<TriMesh>,
 }
 
 impl Scan {
@@ -67,6 +69,8 @@ pub enum StatureFrom {
     Card,
     /// From the size of a pixel at the turning axis
     PixelSize,
+    /// The height of a mesh
+    Mesh,
 }
 
 /// Data about the body given by a person; survey statistics then contribute to the measurements, marked as such

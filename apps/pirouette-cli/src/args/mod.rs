@@ -22,7 +22,7 @@ pub use eval::{
 };
 pub use keypoints::KeypointsArgs;
 pub use models::{ModelsAction, ModelsArgs};
-pub use scan::{Angles, KeypointInput, Method, MethodArgs, ScanArgs};
+pub use scan::{Angles, KeypointInput, MeasureArgs, Method, MethodArgs, ScanArgs};
 pub use size::SizeArgs;
 
 /// Silhouettes, a 3D body and tape measurements from photos of a turning person
@@ -82,9 +82,9 @@ pub enum Command {
     /// Run the pose detector alone and write a keypoint file and a picture for each photo
     #[command(after_help = keypoints::KEYPOINTS_HELP)]
     Keypoints(KeypointsArgs),
-    /// Same as `scan`
+    /// Measure a mesh of a person; with photos, same as `scan`
     #[command(after_help = scan::MEASURE_HELP)]
-    Measure(ScanArgs),
+    Measure(MeasureArgs),
     /// Recommend garment sizes for a result folder
     #[command(after_help = size::SIZE_HELP)]
     Size(SizeArgs),

@@ -5,9 +5,12 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
+use pirouette::mesh_scan::{AxisDirection, MeshUnit};
 use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::job;
+
+use super::Sex;
 
 /// Arguments of `scan`, `segment`, `normalize`, `reconstruct` and `measure`
 #[derive(Debug, Args)]
@@ -66,6 +69,79 @@ pub struct ScanArgs {
     /// Size charts to use instead of the built-in ones; see `size --help`
     #[arg(long, value_name = "FILE.toml")]
     pub chart: Option<PathBuf>,
+}
+
+/// Arguments of `measure`
+#[derive(Debug, Args)]
+pub struct MeasureArgs {
+    #[command(flatten)]
+    pub scan: ScanArgs,
+
+    /// Unit of the mesh [default: the one in which a person has its height]
+    #[arg(long, value_enum, value_name = "UNIT")]
+    pub unit: Option<Unit>,
+
+    /// Axis of the mesh that points up [default: found by trunk and legs]
+    #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true)]
+    pub up: Option<Axis>,
+
+    /// Axis of the mesh that points to the front of the person [default: found by the feet]
+    #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true)]
+    pub front: Option<Axis>,
+
+    /// Sex of the person in the mesh, for size charts
+    #[arg(long, value_enum)]
+    pub sex: Option<Sex>,
+}
+
+/// Unit of a mesh
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Unit {
+    Mm,
+    Cm,
+    M,
+    #[value(name = "in")]
+    Inch,
+}
+
+impl Unit {
+    /// Returns the corresponding unit of the library
+    pub fn of_mesh(self) -> MeshUnit {
+        match self {
+            Unit::Mm => MeshUnit::Millimeter,
+            Unit::Cm => MeshUnit::Centimeter,
+            Unit::M => MeshUnit::Meter,
+            Unit::Inch => MeshUnit::Inch,
+        }
+    }
+}
+
+/// Direction of an axis of a mesh
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Axis {
+    X,
+    Y,
+    Z,
+    #[value(name = "-x")]
+    NegX,
+    #[value(name = "-y")]
+    NegY,
+    #[value(name = "-z")]
+    NegZ,
+}
+
+impl Axis {
+    /// Returns the corresponding direction of the library
+    pub fn of_mesh(self) -> AxisDirection {
+        match self {
+            Axis::X => AxisDirection::X,
+            Axis::Y => AxisDirection::Y,
+            Axis::Z => AxisDirection::Z,
+            Axis::NegX => AxisDirection::NegX,
+            Axis::NegY => AxisDirection::NegY,
+            Axis::NegZ => AxisDirection::NegZ,
+        }
+    }
 }
 
 /// Value of `--keypoints`
@@ -262,8 +338,13 @@ Examples:
   pirouette reconstruct photos/anna -o anna --format obj,stl";
 
 pub const MEASURE_HELP: &str = "\
-In addition to `reconstruct`, writes measurements.json.
+With photos, same as `scan`. With a mesh (.ply, .obj, .stl, .off, .glb) of a person in A-pose, T-pose or with hanging arms, as
+of booths, phones with depth sensors and body models, a mannequin is fitted to its surface, which finds the places of the
+tapes; the results are those of a scan, its pictures show the mesh. The mesh may have holes and loose parts. It is measured
+as it is: hair counts to the stature, and clothes to the girths.
 
 Examples:
   pirouette measure photos/anna -o anna
+  pirouette measure anna.obj -o anna --report
+  pirouette measure booth.ply --unit cm --up z --front -y
   pirouette measure photos/anna --json --quiet";

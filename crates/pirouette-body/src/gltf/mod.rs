@@ -110,6 +110,32 @@ pub enum LoadAvatarError {
     Degenerate,
 }
 
+/// Loads all meshes of a file as one surface, in the frame and the unit of the file
+///
+/// Skinned meshes are in the pose of their rig. Vertices along seams are merged, and all parts are kept.
+///
+/// # Errors
+/// When the bytes are not readable glTF.
+pub fn load_surface(bytes: &[u8]) -> Result<pirouette_geom::TriMesh, LoadAvatarError> {
+    let document = Document::parse(bytes)?;
+    let nodes = &document.root.nodes;
+    let world_from_node = world_transforms(nodes, &parents(nodes));
+    let no_bones = vec![Bone::Root; nodes.len()];
+    let mut surface = Surface::default();
+    for (node, world) in nodes.iter().zip(&world_from_node) {
+        match (node.mesh, node.skin) {
+            (Some(mesh), Some(skin)) => {
+                surface.add_skinned_mesh(&document, mesh, skin, &world_from_node, &no_bones)?;
+            }
+            (Some(mesh), None) => surface.add_rigid_mesh(&document, mesh, *world)?,
+            (None, _) => {}
+        }
+    }
+    surface.weld();
+    surface.compact();
+    Ok(surface.mesh())
+}
+
 fn names(bones: &[Bone]) -> String {
     let names: Vec<&str> = bones.iter().map(|bone| bone.name()).collect();
     names.join(", ")

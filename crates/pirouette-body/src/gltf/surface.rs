@@ -21,6 +21,14 @@ const WHOLE_BODY_SHARE: f64 = 0.9;
 /// Parts with less than this share of the area are dropped even if no part is the complete body
 const SCRAP_SHARE: f64 = 0.01;
 
+/// What happens to primitives without joints
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Unbound {
+    Skipped,
+    /// They follow the first joint
+    FirstJoint,
+}
+
 /// Triangles with the weights of all bones per vertex
 #[derive(Debug, Default)]
 pub(super) struct Surface {
@@ -63,7 +71,23 @@ impl Surface {
             .collect();
         let primitives = &document.root.meshes.get(mesh).ok_or_else(fail)?.primitives;
         for primitive in primitives {
-            self.add_primitive(document, mesh, primitive, &joints)?;
+            self.add_primitive(document, mesh, primitive, &joints, Unbound::Skipped)?;
+        }
+        Ok(())
+    }
+
+    /// Adds the primitives of a mesh without skin, which move with their node
+    pub(super) fn add_rigid_mesh(
+        &mut self,
+        document: &Document,
+        mesh: usize,
+        world_from_node: DMat4,
+    ) -> Result<(), LoadAvatarError> {
+        let fail = || LoadAvatarError::Index { mesh };
+        let primitives = &document.root.meshes.get(mesh).ok_or_else(fail)?.primitives;
+        let joints = [(world_from_node, Bone::Root)];
+        for primitive in primitives {
+            self.add_primitive(document, mesh, primitive, &joints, Unbound::FirstJoint)?;
         }
         Ok(())
     }
@@ -74,6 +98,7 @@ impl Surface {
         mesh: usize,
         primitive: &Primitive,
         joints: &[(DMat4, Bone)],
+        unbound: Unbound,
     ) -> Result<(), LoadAvatarError> {
         let fail = || LoadAvatarError::Index { mesh };
         let attribute = |name: &str| primitive.attributes.get(name).copied();
@@ -93,7 +118,7 @@ impl Surface {
                 influences.push((joints, weights));
             }
         }
-        if influences.is_empty() {
+        if influences.is_empty() && unbound == Unbound::Skipped {
             return Ok(());
         }
         let indices: Vec<u32> = match primitive.indices {

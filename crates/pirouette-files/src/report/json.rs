@@ -28,6 +28,7 @@ pub fn measurements_json(measurements: &Measurements, advice: &[Advice]) -> Valu
             Some(StatureFrom::Stated) => "stature",
             Some(StatureFrom::Card) => "card",
             Some(StatureFrom::PixelSize) => "mm_per_px",
+            Some(StatureFrom::Mesh) => "mesh",
             None => "unknown: give the stature, camera.mm_per_px, or --scale card",
         },
     });

@@ -113,6 +113,20 @@ pub struct LoadedScan {
 }
 
 impl LoadedScan {
+    /// Wraps a scan whose photos are in memory only
+    pub fn in_memory(scan: Scan) -> Self {
+        let files = scan.views.iter().map(|view| format!("{}.png", view.name));
+        Self {
+            files: files.collect(),
+            scan,
+            failed: Vec::new(),
+            warnings: Vec::new(),
+            video: None,
+            without_keypoints: Vec::new(),
+            source: Source::default(),
+        }
+    }
+
     /// Moves usable views to the unusable ones, with the reason; indices of other views change
     pub(crate) fn reject(&mut self, rejected: Vec<(usize, ViewError)>) {
         let start = self.failed.len();
@@ -353,6 +367,7 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
             views,
             background,
             unusable_view_count: failed.len(),
+            surface: None,
         },
         failed,
         warnings,

@@ -538,6 +538,7 @@ fn a_written_scan_reads_back_unchanged() {
             known: Mask::from_fn(40, 50, |x, y| x + y > 20),
         }),
         unusable_view_count: 0,
+        surface: None,
     };
     let folder = TestFolder::new();
     write_scan(folder.0.path(), &scan).unwrap();

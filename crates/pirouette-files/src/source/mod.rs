@@ -84,6 +84,16 @@ pub enum SourceError {
     Ratio { name: String, ratio: u64 },
 }
 
+impl Default for Source {
+    /// Creates a source without files
+    fn default() -> Self {
+        let (name, files) = (String::new(), BTreeMap::new());
+        Self {
+            files: Files::Memory(Memory { name, files }),
+        }
+    }
+}
+
 impl Source {
     /// Opens a folder or a zip file
     ///

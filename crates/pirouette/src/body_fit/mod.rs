@@ -13,6 +13,7 @@
 //! Reconstruction", Bull. ISI 52, 1987, for the robust weights. Here, one surface is shared by all views.
 
 mod matches;
+mod mesh_step;
 mod occluding_contour;
 mod outline;
 mod pose_step;
@@ -40,6 +41,7 @@ use shared_step::{Reshape, SharedStep, arm_shares, step_together};
 use surface::Surface;
 use sway::TrackedTurns;
 
+pub use mesh_step::fit_to_mesh;
 pub use occluding_contour::ContourMesh;
 pub use targets::OutlineTargets;
 
@@ -397,7 +399,8 @@ pub(crate) fn fit_outlines(
             body.reshape(&together.shared, views[0].stature_mm);
         }
         let seen = (&outlines[..], &matches[..]);
-        let Some(off) = solver.step(&mut body, &views, seen, &poses, round, options) else {
+        let rows = shape_step::rows(&body, &views, seen, &poses, round);
+        let Some(off) = solver.step(&mut body, &rows, round, options) else {
             break;
         };
         residual_px = off;
@@ -448,7 +451,7 @@ pub(crate) fn fit_outlines(
 }
 
 /// Computes the intersection over union of the posed body's silhouette with that of the photo, for each view
-fn overlaps(fitted: &Avatar, views: &[BodyFitView], poses: &[Pose]) -> Vec<Option<f64>> {
+pub(crate) fn overlaps(fitted: &Avatar, views: &[BodyFitView], poses: &[Pose]) -> Vec<Option<f64>> {
     let mesh = SilhouetteMesh::new(&fitted.mesh.triangles);
     views
         .par_iter()

@@ -1,5 +1,7 @@
 //! Equations of one view's pose for a given surface: Gauss-Newton on outline and keypoints.
 
+use faer::linalg::solvers::{Llt, Solve};
+use faer::{Mat, Side};
 use glam::DVec3;
 
 use super::matches::{Match, Outline};
@@ -123,6 +125,64 @@ pub(super) fn equations(
         .iter()
         .all(|x| x.is_finite())
         .then_some(equations)
+}
+
+/// A point of the posed surface and its signed distance from a known surface
+pub(super) struct SurfaceMatch<'a> {
+    pub(super) weight: &'a SkinWeight,
+    /// In the room, in mm
+    pub(super) point: DVec3,
+    /// Unit normal of the known surface
+    pub(super) normal: DVec3,
+    pub(super) off_mm: f64,
+}
+
+/// Standard deviation of the distance of a vertex from a known surface, in mm, with the correlation of its neighbors
+const SURFACE_SIGMA_MM: f64 = 20.0;
+
+/// Factor on the prior standard deviations of a pose before a known surface
+const SURFACE_FREEDOM: f64 = 3.0;
+
+/// Returns the pose that brings points of the surface nearer to a known surface; `None` when the equations cannot be solved
+///
+/// Residuals beyond `robust_mm` lose weight. The prior is centered at `start`.
+pub(super) fn step_to_surface(
+    posed: &PosedBones,
+    pose: &Pose,
+    start: &Pose,
+    matches: &[SurfaceMatch],
+    robust_mm: f64,
+) -> Option<Pose> {
+    let motions: [Motion; POSE] = std::array::from_fn(|parameter| posed.motion(parameter));
+    let mut equations = Equations {
+        matrix: [[0.0; ALL]; ALL],
+        right: [0.0; ALL],
+    };
+    let mut row = [0.0; ALL];
+    let mut active = Vec::with_capacity(ALL);
+    for m in matches {
+        let shares = shares(m.weight.iter());
+        fill_row(&motions, &shares, m.normal, m.point, &mut row, &mut active);
+        let robust = 1.0 / (1.0 + (m.off_mm / robust_mm).powi(2));
+        let weight = (robust / SURFACE_SIGMA_MM).powi(2);
+        equations.add(&active, &row, m.off_mm, weight);
+    }
+    let now = pose.to_parameters();
+    let deviations = now.into_iter().zip(start.to_parameters());
+    for (i, ((at, center), sigma)) in deviations.zip(Pose::prior_sigmas()).enumerate() {
+        let weight = (SURFACE_FREEDOM * sigma).powi(-2);
+        equations.matrix[i][i] += weight;
+        equations.right[i] -= weight * (at - center);
+    }
+    let matrix = &equations.matrix;
+    let own = Mat::<f64>::from_fn(POSE, POSE, |i, j| matrix[i.max(j)][i.min(j)]);
+    let mut step = Mat::<f64>::from_fn(POSE, 1, |i, _| equations.right[i]);
+    Llt::new(own.as_ref(), Side::Lower)
+        .ok()?
+        .solve_in_place(step.as_mut());
+    let after: [f64; POSE] = std::array::from_fn(|i| now[i] + step[(i, 0)]);
+    let finite = after.iter().all(|x| x.is_finite());
+    finite.then(|| Pose::from_parameters(&after))
 }
 
 /// Writes the derivatives of `gradient . point` by the parameters of the pose that move the point

@@ -115,20 +115,17 @@ impl<'a> ShapeSolver<'a> {
         })
     }
 
-    /// Solves for the displacements that best explain all outlines
+    /// Solves for the displacements that best explain all residuals
     ///
     /// Returns the root mean square residual of the previous surface in nominal px, with residuals clamped to the
     /// round's robust width; `None` when the equations cannot be solved.
     pub(super) fn step(
         &mut self,
         body: &mut Body,
-        views: &[BodyFitView],
-        outlines: (&[Outline], &[Vec<Match>]),
-        poses: &[Pose],
+        rows: &[Vec<Row>],
         round: &super::Round,
         options: &BodyFitOptions,
     ) -> Option<f64> {
-        let rows = rows(body, views, outlines, poses, round);
         let surface = self.surface;
         let density = surface.density();
         self.system.clear();
@@ -174,7 +171,7 @@ impl<'a> ShapeSolver<'a> {
             return None;
         }
         body.displace(&surface.coarse.blends, &right);
-        Some(residual(&rows, round))
+        Some(residual(rows, round))
     }
 
     fn add_block(&mut self, a: u32, b: u32, block: DMat3) {
@@ -236,6 +233,22 @@ fn anchors(rest: &[DVec3], stature_mm: Option<f64>) -> Vec<Anchor> {
     anchors
 }
 
+impl Row {
+    /// Creates the row of a signed distance of a vertex from its target, in nominal px
+    ///
+    /// `gradient` by the displacement in the reference pose; the weight falls with the distance.
+    pub(super) fn new(vertex: u32, gradient: DVec3, off: f64, share: f64, robust: f64) -> Self {
+        let weight = share.sqrt() / (1.0 + (off / robust).powi(2));
+        Self {
+            vertex,
+            gradient: gradient * weight,
+            residual: off * weight,
+            off,
+            share,
+        }
+    }
+}
+
 /// Computes the residuals of all views
 pub(super) fn rows(
     body: &Body,
@@ -270,15 +283,8 @@ fn row(
     let blend = posed.blend(&body.weights[v]);
     let point = blend.transform_point3(body.positions[v]);
     let (residual, in_room) = m.residual(camera, point, outline);
-    let robust = 1.0 / (1.0 + (residual / round.robust).powi(2));
-    let weight = robust * m.weight.sqrt();
-    Row {
-        vertex: m.vertex,
-        gradient: blend.matrix3.transpose() * in_room * weight,
-        residual: residual * weight,
-        off: residual,
-        share: m.weight,
-    }
+    let gradient = blend.matrix3.transpose() * in_room;
+    Row::new(m.vertex, gradient, residual, m.weight, round.robust)
 }
 
 /// Returns the root mean square of all residuals, clamped to the robust width, in nominal px

@@ -33,6 +33,7 @@ pub(super) fn scale_sd(input: &MeasureInput) -> f64 {
         }
         (Some(_), StatureFrom::Card) => CARD_SCALE_SD,
         (Some(_), StatureFrom::PixelSize) => PIXEL_SCALE_SD,
+        (Some(_), StatureFrom::Mesh) => 0.0,
         // Lengths in units of the stature need no scale.
         (None, _) => 0.0,
     }
@@ -48,6 +49,7 @@ pub(super) fn stature(input: &MeasureInput) -> Measured {
         let method = match input.stature_from {
             StatureFrom::Stated => Method::Given,
             StatureFrom::Card | StatureFrom::PixelSize => Method::Scale,
+            StatureFrom::Mesh => Method::Body,
         };
         return Measured::of(Ok(exact(given)), method);
     }

@@ -2,7 +2,10 @@
 
 use pirouette_body::{Avatar, Keypoint, Keypoints, Pose, Sex, TurnAngle, pose_bones};
 
-use crate::body_fit::{BodyFitOptions, BodyFitPrior, CameraSpread, Outlines, fit_outlines};
+use crate::body_fit::{
+    BodyFitOptions, BodyFitPrior, CameraSpread, FittedView, Outlines, fit_outlines, fit_to_mesh,
+    overlaps,
+};
 use crate::initial_body::{choose_start, fit_views, start_as};
 use crate::pipeline::job::Job;
 use crate::pipeline::stages::render_priors;
@@ -28,7 +31,11 @@ impl Job<'_> {
             self.segment_again(report)?;
         }
         self.fit_all(report, options)?;
-        let wrong = wrong_turns(self.scan, &report.views);
+        let wrong = match self.scan.surface {
+            // The turns of a known mesh are exact.
+            Some(_) => Vec::new(),
+            None => wrong_turns(self.scan, &report.views),
+        };
         if !wrong.is_empty() {
             self.use_found_turns(report, &wrong);
             self.fit_all(report, options)?;
@@ -44,6 +51,7 @@ impl Job<'_> {
             report.start = None;
             self.fit_all(report, options)?;
         }
+        self.fit_to_mesh(report)?;
         adopt_camera(report);
         adopt_turns(report);
         // Pictures and the judgment of the body compare it with what was detected.
@@ -51,6 +59,38 @@ impl Job<'_> {
             let detected = detected.iter().find(|(id, _)| *id == view.id);
             if let (Some((_, keypoints)), Some(skeleton)) = (detected, &mut view.skeleton) {
                 skeleton.keypoints = *keypoints;
+            }
+        }
+        Ok(())
+    }
+
+    /// Fits the body to the mesh that the views were rendered from, if they were, in the pose that explains it best
+    fn fit_to_mesh(&mut self, report: &mut Report) -> Result<(), PipelineError> {
+        let (scan, cancel) = (self.scan, self.cancel);
+        let fitted = report
+            .views
+            .iter()
+            .filter_map(|view| Some((view.fit?, view)));
+        let overlap = |fit: &FittedView| fit.silhouette_iou.unwrap_or(0.0);
+        let best = fitted.max_by(|(a, _), (b, _)| overlap(a).total_cmp(&overlap(b)));
+        let best = best.map(|(fit, view)| (fit, view.skeleton().turn));
+        if let (Some(mesh), Some(fit), Some((view, turn))) = (&scan.surface, &mut report.fit, best)
+        {
+            let pose = self.stage(Stage::BodyFit, 1, |_| {
+                fit_to_mesh(fit, &view.pose, turn, mesh, &|| cancel.cancelled())
+            })?;
+            let views = report.views.iter();
+            let poses = views.map(|view| pose.turned(turn, view.skeleton().turn));
+            let poses: Vec<Pose> = poses.collect();
+            let stature_mm = fit.avatar.stature_mm();
+            let seen = fit_views(&report.views, &poses, stature_mm);
+            let ious = overlaps(&fit.avatar, &seen, &poses);
+            for ((view, pose), silhouette_iou) in report.views.iter_mut().zip(poses).zip(ious) {
+                view.fit = view.fit.map(|fit| FittedView {
+                    pose,
+                    silhouette_iou,
+                    ..fit
+                });
             }
         }
         Ok(())

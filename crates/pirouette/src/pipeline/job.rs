@@ -369,10 +369,16 @@ impl<'a> Job<'a> {
             count as f64 / views.len().max(1) as f64
         };
         let detected_keypoints = share_of(&|view| view.keypoint_kind == KeypointKind::MediaPipe);
-        let estimated_keypoints = share_of(&|view| view.keypoints_from == KeypointSource::Estimate);
+        let estimated_keypoints = match scan.surface {
+            // The fitted surface replaces them.
+            Some(_) => 0.0,
+            None => share_of(&|view| view.keypoints_from == KeypointSource::Estimate),
+        };
         let doubts = Doubts::of(scan, report);
         let found = self.stage(Stage::Measure, 1, |_| {
             let outlines = match source {
+                // The fitted surface is more accurate than outlines of it.
+                _ if scan.surface.is_some() => Vec::new(),
                 BodySource::Fitted => photographed_outlines(views),
                 BodySource::Hull => normalized,
             };

@@ -100,6 +100,8 @@ pub enum Suspect {
     Keypoints,
     /// Estimated keypoints, or the turn angles
     Estimate,
+    /// The mesh that is measured
+    Mesh,
 }
 
 impl Suspect {
@@ -107,6 +109,9 @@ impl Suspect {
         match self {
             Suspect::Masks => {
                 "check that the masks show the person in white, and belong to these photos"
+            }
+            Suspect::Mesh => {
+                "check that the mesh shows one person, upright in A-pose, T-pose or with hanging arms"
             }
             Suspect::Keypoints => {
                 "check that the keypoints belong to these photos (order, size, rotation), and the turn angles"
@@ -230,7 +235,9 @@ pub(super) fn judge(scan: &Scan, report: &Report) -> Option<Refusal> {
             .filter(|view| of(&scan.views[view.id.0]));
         2 * found.count() > count
     };
-    let suspect = if most(&|view| view.mask.is_some()) {
+    let suspect = if scan.surface.is_some() {
+        Suspect::Mesh
+    } else if most(&|view| view.mask.is_some()) {
         Suspect::Masks
     } else if most(&|view| view.keypoints_from == KeypointSource::Estimate) {
         Suspect::Estimate

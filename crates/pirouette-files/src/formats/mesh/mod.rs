@@ -1,4 +1,4 @@
-//! Triangle mesh files: writes PLY, OBJ, OFF, STL and GLB; reads PLY, OBJ and OFF.
+//! Triangle mesh files: writes and reads PLY, OBJ, OFF, STL and GLB.
 //!
 //! All functions work on bytes. Coordinates are in the caller's unit and frame, except for GLB, which is written from
 //! millimeters in the meters of its standard. Text formats store every number exactly, in the fewest digits that parse
@@ -18,13 +18,14 @@ use std::fmt;
 use glam::DVec3;
 use pirouette_geom::TriMesh;
 
+use pirouette_body::gltf::load_surface;
 use pirouette_body::{Avatar, PerBone, SkinWeight};
 
 pub use glb::write_glb;
 pub use obj::{read_obj, write_obj};
 pub use off::{read_off, write_off};
 pub use ply::{read_ply, write_ply};
-pub use stl::write_stl;
+pub use stl::{read_stl, write_stl};
 
 /// A body to write, with attributes that some formats support
 #[derive(Debug, Clone, Copy)]
@@ -127,6 +128,22 @@ impl MeshFormat {
             MeshFormat::Off => write_off(mesh),
         }
     }
+
+    /// Reads the surface of a file, in the frame and the unit of the file
+    ///
+    /// # Errors
+    /// When the bytes are not a file of this format.
+    pub fn read(self, bytes: &[u8]) -> Result<TriMesh, ReadMeshError> {
+        match self {
+            MeshFormat::Ply => read_ply(bytes),
+            MeshFormat::Glb => {
+                load_surface(bytes).map_err(|error| ReadMeshError::Gltf(error.to_string()))
+            }
+            MeshFormat::Obj => read_obj(bytes),
+            MeshFormat::Stl => read_stl(bytes),
+            MeshFormat::Off => read_off(bytes),
+        }
+    }
 }
 
 /// A position in a mesh file
@@ -187,6 +204,9 @@ pub enum ReadMeshError {
         /// Number of vertices claimed by the file
         vertex_count: u64,
     },
+    /// The file is no glTF, or not readable
+    #[error("{0}")]
+    Gltf(String),
 }
 
 /// Splits a polygon into a fan of triangles; fewer than three corners give none
@@ -271,7 +291,7 @@ mod tests {
     fn mesh_like() -> impl Strategy<Value = Vec<u8>> {
         let word = prop_oneof![
             "[ \n\r]{1,2}",
-            "(OFF|ply|v|f|end_header|element vertex|element face|property list|property float x)[ \n]",
+            "(OFF|ply|v|f|solid|facet|outer loop|vertex|endloop|end_header|element vertex|element face|property list|property float x)[ \n]",
             "(uchar|int|float|double|ascii|binary_little_endian|format|1\\.0)[ \n]",
             "-?[0-9]{1,3}[ \n/]",
             "(99999999999|18446744073709551616|1e999|nan|#)[ \n]",
@@ -286,7 +306,7 @@ mod tests {
     proptest! {
         #[test]
         fn any_bytes_give_a_mesh_or_an_error(bytes in mesh_like()) {
-            for read in [read_off, read_ply, read_obj] {
+            for read in [read_off, read_ply, read_obj, read_stl] {
                 if let Ok(mesh) = read(&bytes) {
                     let count = mesh.positions.len() as u32;
                     prop_assert!(mesh.triangles.iter().flatten().all(|&v| v < count));
@@ -306,6 +326,7 @@ mod tests {
                 (write_off(&mesh), read_off as fn(&[u8]) -> _),
                 (write_ply(&mesh, None), read_ply),
                 (write_obj(&mesh), read_obj),
+                (write_stl(&mesh), read_stl),
             ] {
                 if let Some(slot) = bytes.get_mut(at) {
                     *slot = byte;

@@ -48,10 +48,15 @@ impl<'a> Lines<'a> {
 
     /// Returns the next line with a word, or an error that names what is missing
     pub(super) fn expect(&mut self, expected: &'static str) -> Result<Words<'a>, ReadMeshError> {
-        self.next().ok_or(ReadMeshError::Ended {
+        self.next().ok_or_else(|| self.ended(expected))
+    }
+
+    /// Returns the error for something that is missing after the last line read
+    pub(super) fn ended(&self, expected: &'static str) -> ReadMeshError {
+        ReadMeshError::Ended {
             place: Place::Line(self.line),
             expected,
-        })
+        }
     }
 }
 

@@ -24,6 +24,10 @@ const SEAT_BY_CROTCH: [f64; 2] = [0.779, 0.1343];
 /// the arms add 4 mm of girth per mm; lower down, bellies count as chests.
 const BUST_ZONE: [f64; 2] = [0.05, 0.01];
 
+/// Height of the armpits as a share of the stature (ANSUR II, mean of men and women), and by how much less is not unusual
+const ARMPIT_USUAL: f64 = 0.759;
+const ARMPIT_TOLERANCE: f64 = 0.012;
+
 /// Position of armpits on bodies without arms and on those whose arms were lifted, as a share of the way from the upper
 /// spine's head to the shoulders
 const ARMPIT_FALLBACK: f64 = 0.47;
@@ -45,8 +49,11 @@ const BUST_SOFTNESS: f64 = 0.001;
 const UNDERBUST_ZONE: [f64; 2] = [0.065, 0.02];
 const UNDERBUST_USUAL: [f64; 2] = [0.042, 0.012];
 
-/// Like [`BUST_SOFTNESS`], for the depth of the fold: shallow folds have less weight than the usual position
-const UNDERBUST_SOFTNESS: f64 = 0.0005;
+/// Like [`BUST_SOFTNESS`], for the depth of the fold (4 mm): shallow folds have less weight than the usual position
+const UNDERBUST_SOFTNESS: f64 = 0.0025;
+
+/// Like [`BUST_SOFTNESS`], for the girth (20 mm): a taut tape slips from the slope of the breast to where it is shorter
+const UNDERBUST_SLIP: f64 = 0.012;
 
 /// Range searched for the seat, relative to the hip joints, as shares of the stature
 const SEAT_ZONE: [f64; 2] = [-0.05, 0.045];
@@ -75,6 +82,8 @@ pub(super) struct Levels {
     pub(super) waist: f64,
     pub(super) seat: f64,
     pub(super) crotch: DVec3,
+    /// Lowest points where the arms touch the trunk
+    pub(super) arms_part: f64,
 }
 
 impl Levels {
@@ -101,6 +110,7 @@ impl Levels {
             waist: by_crotch(WAIST_BY_CROTCH),
             seat,
             crotch,
+            arms_part: armpit(body),
         }
     }
 }
@@ -146,6 +156,16 @@ pub(super) fn parting(body: &Body<'_>, hips: DVec3) -> Option<DVec3> {
         .min_by(|a, b| a.y.total_cmp(&b.y))
 }
 
+/// Returns the height at which armpits are expected: by the joints of spine and shoulders, and by the survey
+///
+/// Arms that touch the trunk are separated from it far below the armpits.
+fn expected_armpit(body: &Body<'_>) -> f64 {
+    let spine = body.head(Bone::UpperSpine).y;
+    let shoulders = body.middle_of(Bone::LeftUpperArm, Bone::RightUpperArm).y;
+    let by_joints = spine + ARMPIT_FALLBACK * (shoulders - spine);
+    (by_joints + ARMPIT_USUAL * body.stature) / 2.0
+}
+
 /// Returns the height of the armpits: the lowest points where arms separate from the trunk, mean of both sides
 fn armpit(body: &Body<'_>) -> f64 {
     let spine = body.head(Bone::UpperSpine).y;
@@ -174,7 +194,11 @@ fn armpit(body: &Body<'_>) -> f64 {
 /// Returns the height of the frontmost points next to the breast bone, mean of both sides
 fn bust(body: &Body<'_>) -> f64 {
     let armpit = armpit(body);
-    let [low, high] = BUST_ZONE.map(|share| armpit - share * body.stature);
+    let highest = armpit.max(expected_armpit(body) - ARMPIT_TOLERANCE * body.stature);
+    let [low, high] = [
+        armpit - BUST_ZONE[0] * body.stature,
+        highest - BUST_ZONE[1] * body.stature,
+    ];
     let reach_mm = BUST_SMOOTHING * body.stature;
     let sides = [1.0, -1.0].map(|outward| {
         let front = chest(body, [low - reach_mm, high + reach_mm], outward);
@@ -201,20 +225,24 @@ fn chest(body: &Body<'_>, [low, high]: [f64; 2], outward: f64) -> Vec<(f64, f64)
     })
 }
 
-/// Returns the height of the fold below the breast: where the profile is deepest behind the line from the bust to the
-/// ribs, mean of both sides; on chests without a fold, its usual position
+/// Returns the height of the tape below the breast: in the fold, where the profile is deepest behind the line from the
+/// bust to the ribs, near its usual position, and where the tape is short
 fn underbust(body: &Body<'_>, bust: f64) -> f64 {
     let [far, near] = UNDERBUST_ZONE.map(|share| bust - share * body.stature);
     let [usual, usual_sd] = UNDERBUST_USUAL.map(|share| share * body.stature);
-    let softness = UNDERBUST_SOFTNESS * body.stature;
+    let [softness, slip] = [UNDERBUST_SOFTNESS, UNDERBUST_SLIP].map(|share| share * body.stature);
+    let surface = body.trunk.between(far, bust);
+    let girth = |y: f64| surface.girth(Plane::level(y));
     let sides = [1.0, -1.0].map(|outward| {
         let front = chest(body, [far, bust], outward);
         let (&(low, low_z), &(high, high_z)) = (front.first()?, front.last()?);
         let depth = |y: f64, z: f64| low_z + (high_z - low_z) * (y - low) / (high - low) - z;
         let unusual = |y: f64| ((y - (bust - usual)) / usual_sd).powi(2) / 2.0;
-        let score = |&(y, z): &(f64, f64)| (y, depth(y, z) - softness * unusual(y));
-        let scores: Vec<(f64, f64)> = front.iter().map(score).filter(|s| s.0 <= near).collect();
-        soft_top(&scores, softness)
+        let scores = front.iter().filter(|(y, _)| *y <= near).map(|&(y, z)| {
+            let score = depth(y, z) / softness - girth(y) / slip - unusual(y);
+            (y, score)
+        });
+        soft_top(&scores.collect::<Vec<_>>(), 1.0)
     });
     match sides {
         [Some(left), Some(right)] => (left + right) / 2.0,

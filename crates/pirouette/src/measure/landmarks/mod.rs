@@ -18,7 +18,7 @@ use super::{Girth, Landmark};
 use levels::{Levels, STEP, profile};
 use pirouette_body::{Avatar, Bone, PerBone, Pose, ReferencePose, SkinWeight};
 pub(super) use slice::Plane;
-use slice::Slicer;
+use slice::{Crossing, Slicer};
 
 /// Position of a tape on a body
 #[derive(Debug, Clone)]
@@ -60,6 +60,9 @@ const NECK_ZONE: [f64; 2] = [0.0, 0.75];
 ///
 /// Perpendicular to the spine of the neck, which tilts forward by 10 degrees and more, tapes would cut into the nape.
 const NECK_TILT_DEGREES: f64 = 5.0;
+
+/// The walls of the trunk are found this far below the lowest points where arms touch it, as a share of the stature
+const WALL_BELOW: f64 = 0.004;
 
 /// Step of the search, as a share of the stature
 const NECK_STEP: f64 = 0.002;
@@ -255,8 +258,9 @@ impl Body<'_> {
         }
         let (neck_part, neck_plane) = self.neck();
         add(Girth::Neck, &neck_part, neck_plane);
-        add(Girth::Bust, trunk, Plane::level(levels.bust));
-        add(Girth::Underbust, trunk, Plane::level(levels.underbust));
+        let chest = self.chest(levels);
+        add(Girth::Bust, &chest, Plane::level(levels.bust));
+        add(Girth::Underbust, &chest, Plane::level(levels.underbust));
         add(Girth::Waist, trunk, Plane::level(levels.waist));
         add(Girth::Hip, trunk, Plane::level(levels.seat));
         let [left, right] = [
@@ -315,6 +319,30 @@ impl Body<'_> {
             }
         }
         sections
+    }
+
+    /// Returns the trunk without the roots of the arms: above the lowest points where arms touch it, it ends at the walls
+    /// below
+    fn chest(&self, levels: &Levels) -> Slicer<'_> {
+        let below = Plane::level(levels.arms_part - WALL_BELOW * self.stature);
+        let middle = self.head(Bone::UpperSpine).x;
+        let beside = |c: &Crossing| c.point.x - middle;
+        let walls = self
+            .trunk
+            .cut(below)
+            .iter()
+            .map(beside)
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
+                [low.min(x), high.max(x)]
+            });
+        let positions = self.mesh.positions.iter().zip(&self.armless);
+        let part: Vec<bool> = positions
+            .map(|(p, &armless)| {
+                let within = (walls[0]..=walls[1]).contains(&(p.x - middle));
+                armless && (within || p.y < levels.arms_part)
+            })
+            .collect();
+        self.surface.part(&part)
     }
 
     /// Returns the plane across the forearm above the wrist joint where it is thinnest
