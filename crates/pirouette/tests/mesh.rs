@@ -9,9 +9,10 @@ use pirouette_body::{Avatar, Bone, Pose, Sex, TurnAngle};
 use pirouette_geom::TriMesh;
 
 fn measure_mesh(mesh: &TriMesh) -> Report {
-    let scan = scan_of_mesh(mesh, &MeshScanOptions::default(), &|| false).unwrap();
+    let options = MeshScanOptions::default();
+    let scan = scan_of_mesh(mesh, &options, &|| false).expect("axes and unit are found");
     let config = Config::new(Goal::Measure, Method::Fit);
-    run(&scan, &config, &CancelToken::default(), &mut |_| {}).unwrap()
+    run(&scan, &config, &CancelToken::default(), &mut |_| {}).expect("a body is found")
 }
 
 /// A woman with hanging arms
@@ -22,7 +23,7 @@ fn woman() -> (Avatar, TriMesh) {
         mass_kg: Some(72.0),
         ..MannequinParameters::default()
     })
-    .unwrap();
+    .expect("a usual woman");
     let mut pose = Pose::default();
     pose.rotations[Bone::LeftUpperArm] = DVec3::new(0.05, 0.0, -0.35);
     pose.rotations[Bone::RightUpperArm] = DVec3::new(-0.05, 0.0, 0.3);
