@@ -152,12 +152,14 @@ fn eval_tapes(
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot create the folder {}", folder.display()))?;
-        for (name, text) in [
-            ("accuracy-errors.svg", &study.errors_svg),
-            ("accuracy-views.svg", &study.views_svg),
-            ("accuracy.md", &study.page),
+        for (name, bytes) in [
+            ("accuracy-errors.svg", study.errors_svg.as_bytes()),
+            ("accuracy-views.svg", study.views_svg.as_bytes()),
+            ("accuracy.md", study.page.as_bytes()),
+            ("measures.jpg", &study.measures_picture),
+            ("measures.md", study.measures_page.as_bytes()),
         ] {
-            write_atomic(&folder.join(name), text.as_bytes())?;
+            write_atomic(&folder.join(name), bytes)?;
         }
     }
     let (text, tables) = written(&study.tables);

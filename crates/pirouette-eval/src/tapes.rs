@@ -1,5 +1,6 @@
 //! Tape measures of random people: errors by number of views, and the calibration of the standard deviations.
 
+mod measures;
 mod page;
 mod views;
 
@@ -14,6 +15,7 @@ use serde_json::{Value, json};
 use crate::people::Person;
 use crate::table::{Cell, Spread, Table, mean, percentile};
 use crate::{OnStep, StudyError, do_all};
+use measures::{measures_page, measures_picture};
 use page::{errors_svg, page};
 use views::{recommendation, trunk_table, views_svg, views_table};
 
@@ -113,6 +115,10 @@ pub struct TapesStudy {
     pub people: Value,
     /// The page, in Markdown
     pub page: String,
+    /// The page of all measures with their definitions and accuracies, in Markdown
+    pub measures_page: String,
+    /// Its picture: a mannequin with all tapes, as JPEG
+    pub measures_picture: Vec<u8>,
     /// Errors of girths from photos, as an SVG picture
     pub errors_svg: String,
     /// Errors by number of views, as an SVG picture
@@ -242,13 +248,36 @@ fn others(measure: Measure) -> [Option<f64>; 3] {
         | Measure::HipHeight
         | Measure::KneeGirth
         | Measure::AnkleGirth
-        | Measure::WristGirth => [Some(4.0), None, None],
-        Measure::BackLength | Measure::NapeToWaist | Measure::ShoulderToWrist => {
-            [Some(5.0), None, None]
-        }
-        Measure::UnderbustGirth => [Some(9.0), None, None],
+        | Measure::WristGirth
+        | Measure::LowerKneeGirth
+        | Measure::ElbowGirth
+        | Measure::ForearmGirth
+        | Measure::NapeHeight
+        | Measure::ShoulderHeight
+        | Measure::UnderbustHeight
+        | Measure::NarrowestWaistHeight
+        | Measure::KneeHeight => [Some(4.0), None, None],
+        Measure::BackLength
+        | Measure::NapeToWaist
+        | Measure::ShoulderToWrist
+        | Measure::ShoulderLength
+        | Measure::UpperArmLength
+        | Measure::NapeToWrist
+        | Measure::AcrossBack
+        | Measure::AcrossFront
+        | Measure::BustSpan
+        | Measure::SideNeckToBust
+        | Measure::FrontLength
+        | Measure::WaistToHip
+        | Measure::BodyRise
+        | Measure::WaistToKnee => [Some(5.0), None, None],
+        Measure::UnderbustGirth
+        | Measure::OverbustGirth
+        | Measure::NarrowestWaistGirth
+        | Measure::HighHipGirth
+        | Measure::MidThighGirth => [Some(9.0), None, None],
         Measure::FootLength | Measure::HeadGirth => [Some(2.0), None, None],
-        Measure::Rise => [None; 3],
+        Measure::Rise | Measure::FrontRise | Measure::BackRise => [None; 3],
     }
 }
 
@@ -315,6 +344,8 @@ fn write_study(options: &TapesOptions, scanned: &[Scanned]) -> TapesStudy {
         errors_svg: errors_svg(scanned, photos),
         views_svg: views_svg(options, scanned),
         page: String::new(),
+        measures_page: measures_page(scanned, photos),
+        measures_picture: measures_picture(),
         tables,
     };
     study.page = page(options, scanned, &study.tables);

@@ -36,6 +36,16 @@ impl ExportFormat {
         }
     }
 
+    /// Returns the name of a measure in this format; `None` if the format has no measure of the same definition
+    pub fn name_of(self, measure: Measure) -> Option<&'static str> {
+        match self {
+            ExportFormat::Json | ExportFormat::Csv => Some(measure.name()),
+            ExportFormat::SchemaOrg => schema_term(measure, None),
+            ExportFormat::FreeSewing => freesewing_name(measure),
+            ExportFormat::Seamly2d => seamly_name(measure),
+        }
+    }
+
     /// Returns the content of the file
     pub fn write(self, measurements: &Measurements) -> String {
         match self {
@@ -157,48 +167,55 @@ fn schema_org(measurements: &Measurements) -> String {
     format!("{value:#}\n")
 }
 
-/// Writes measurements by their FreeSewing names, some of which are differences of our measures
+/// Returns the name in FreeSewing; its `hips` are at the waist of trousers, and are none of our measures
+fn freesewing_name(measure: Measure) -> Option<&'static str> {
+    Some(match measure {
+        Measure::AnkleGirth => "ankle",
+        Measure::UpperArmGirth => "biceps",
+        Measure::BustSpan => "bustSpan",
+        Measure::BustGirth => "chest",
+        Measure::Rise => "crossSeam",
+        Measure::FrontRise => "crossSeamFront",
+        Measure::HeadGirth => "head",
+        Measure::OverbustGirth => "highBust",
+        Measure::SideNeckToBust => "hpsToBust",
+        Measure::FrontLength => "hpsToWaistFront",
+        Measure::CrotchHeight => "inseam",
+        Measure::KneeGirth => "knee",
+        Measure::NeckGirth => "neck",
+        Measure::HipGirth => "seat",
+        Measure::UpperArmLength => "shoulderToElbow",
+        Measure::ShoulderWidth => "shoulderToShoulder",
+        Measure::ShoulderToWrist => "shoulderToWrist",
+        Measure::UnderbustGirth => "underbust",
+        Measure::ThighGirth => "upperLeg",
+        Measure::WaistGirth => "waist",
+        Measure::WaistHeight => "waistToFloor",
+        Measure::WaistToKnee => "waistToKnee",
+        Measure::WaistToHip => "waistToSeat",
+        Measure::BodyRise => "waistToUpperLeg",
+        Measure::WristGirth => "wrist",
+        _ => return None,
+    })
+}
+
+/// Writes measurements by their FreeSewing names
 fn freesewing(measurements: &Measurements) -> String {
     let value = |measure| {
         let mut all = known(measurements);
         all.find(|(m, _, _)| *m == measure).map(|(_, v, _)| v)
     };
-    let difference = |high, low| Some(value(high)? - value(low)?);
-    let rows = [
-        ("ankle", value(Measure::AnkleGirth)),
-        ("biceps", value(Measure::UpperArmGirth)),
-        ("chest", value(Measure::BustGirth)),
-        ("crossSeam", value(Measure::Rise)),
-        ("head", value(Measure::HeadGirth)),
-        ("inseam", value(Measure::CrotchHeight)),
-        ("knee", value(Measure::KneeGirth)),
-        ("neck", value(Measure::NeckGirth)),
-        ("seat", value(Measure::HipGirth)),
-        ("shoulderToShoulder", value(Measure::ShoulderWidth)),
-        ("shoulderToWrist", value(Measure::ShoulderToWrist)),
-        ("underbust", value(Measure::UnderbustGirth)),
-        ("upperLeg", value(Measure::ThighGirth)),
-        ("waist", value(Measure::WaistGirth)),
-        ("waistToFloor", value(Measure::WaistHeight)),
-        (
-            "waistToSeat",
-            difference(Measure::WaistHeight, Measure::HipHeight),
-        ),
-        (
-            "waistToUpperLeg",
-            difference(Measure::WaistHeight, Measure::CrotchHeight),
-        ),
-        ("wrist", value(Measure::WristGirth)),
-    ];
+    let named = known(measurements)
+        .filter_map(|(measure, value_mm, _)| Some((freesewing_name(measure)?, value_mm)));
+    let mut rows: Vec<(&str, f64)> = named.collect();
+    let pair = value(Measure::UnderbustHeight).zip(value(Measure::WaistHeight));
+    rows.extend(pair.map(|(underbust, waist)| ("waistToUnderbust", underbust - waist)));
+    rows.sort_unstable_by_key(|(name, _)| *name);
     let mut text = String::from("name: pirouette\nunits: metric\nmeasurements:\n");
-    let mut any = false;
-    for (name, value) in rows {
-        if let Some(value) = value {
-            any = true;
-            let _ = writeln!(text, "  {name}: {}", tenths(value));
-        }
+    for (name, value) in &rows {
+        let _ = writeln!(text, "  {name}: {}", tenths(*value));
     }
-    if !any {
+    if rows.is_empty() {
         text = text.replace("measurements:\n", "measurements: {}\n");
     }
     text
@@ -229,7 +246,33 @@ fn seamly_name(measure: Measure) -> Option<&'static str> {
         Measure::ShoulderToWrist => "arm_shoulder_tip_to_wrist",
         Measure::ShoulderWidth => "shoulder_tip_to_shoulder_tip_b",
         Measure::FootLength => "foot_length",
-        Measure::ArmLength | Measure::BackLength => return None,
+        Measure::OverbustGirth => "highbust_circ",
+        Measure::HighHipGirth => "highhip_circ",
+        Measure::MidThighGirth => "leg_thigh_mid_circ",
+        Measure::LowerKneeGirth => "leg_knee_small_circ",
+        Measure::ElbowGirth => "arm_elbow_circ",
+        Measure::ForearmGirth => "arm_lower_circ",
+        Measure::NapeHeight => "height_neck_back",
+        Measure::ShoulderHeight => "height_shoulder_tip",
+        Measure::KneeHeight => "height_knee",
+        Measure::ShoulderLength => "shoulder_length",
+        Measure::UpperArmLength => "arm_shoulder_tip_to_elbow",
+        Measure::AcrossBack => "across_back_b",
+        Measure::AcrossFront => "across_chest_f",
+        Measure::BustSpan => "bustpoint_to_bustpoint",
+        Measure::SideNeckToBust => "neck_side_to_bust_f",
+        Measure::FrontLength => "neck_side_to_waist_bustpoint_f",
+        Measure::WaistToHip => "waist_to_hip_side",
+        Measure::FrontRise => "crotch_length_f",
+        Measure::BackRise => "crotch_length_b",
+        Measure::ArmLength
+        | Measure::BackLength
+        | Measure::NarrowestWaistGirth
+        | Measure::NarrowestWaistHeight
+        | Measure::UnderbustHeight
+        | Measure::BodyRise
+        | Measure::WaistToKnee
+        | Measure::NapeToWrist => return None,
     })
 }
 
@@ -317,10 +360,11 @@ mod tests {
         let terms = schema["suggestedMeasurement"].as_array().unwrap();
         assert!(terms.iter().all(|t| t["value"].is_number()));
         let vit = ExportFormat::Seamly2d.write(&all);
-        assert_eq!(vit.matches("<m name=").count(), 22);
+        assert_eq!(vit.matches("<m name=").count(), 41);
         assert!(vit.trim_end().ends_with("</vit>"));
         let csv = ExportFormat::Csv.write(&all);
-        assert_eq!(csv.lines().count(), 1 + Measure::ALL.len());
+        let known = all.iter().filter(|(_, found)| found.value_mm.is_ok());
+        assert_eq!(csv.lines().count(), 1 + known.count());
     }
 
     #[test]

@@ -15,7 +15,7 @@ use pirouette_body::{Camera, TurnAngle};
 const TILE_PX: (usize, usize) = (700, 1000);
 
 /// Columns for the labels to the left and to the right of the front
-const LABEL_WIDTH_PX: usize = 290;
+const LABEL_WIDTH_PX: usize = 330;
 
 /// Rows for the titles of the pictures, and for the legend below them
 const TITLE_HEIGHT_PX: usize = 40;

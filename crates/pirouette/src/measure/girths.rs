@@ -123,6 +123,13 @@ fn own_sd(girth: Girth) -> [f64; 4] {
         Girth::LeftAnkle | Girth::RightAnkle => [0.0042, 0.0060, 0.0040, 0.0057],
         Girth::LeftUpperArm | Girth::RightUpperArm => [0.0030, 0.0045, 0.0025, 0.0038],
         Girth::LeftWrist | Girth::RightWrist => [0.0170, 0.1000, 0.0035, 0.1000],
+        Girth::Overbust => [0.0060, 0.0080, 0.0060, 0.0080],
+        Girth::NarrowestWaist => [0.0040, 0.0040, 0.0033, 0.0032],
+        Girth::HighHip => [0.0040, 0.0032, 0.0034, 0.0029],
+        Girth::LeftMidThigh | Girth::RightMidThigh => [0.0040, 0.0050, 0.0020, 0.0025],
+        Girth::LeftLowerKnee | Girth::RightLowerKnee => [0.0030, 0.0035, 0.0025, 0.0030],
+        Girth::LeftElbow | Girth::RightElbow => [0.0060, 0.0090, 0.0050, 0.0076],
+        Girth::LeftForearm | Girth::RightForearm => [0.0060, 0.0090, 0.0050, 0.0076],
     }
 }
 
@@ -130,11 +137,18 @@ fn own_sd(girth: Girth) -> [f64; 4] {
 /// the girth
 ///
 /// Based on the errors of heights of random people, and of joints of arms along the arm. Waist and knee follow from
-/// bones and crotch, which counts more if it is hidden, from 0 to 1. The neck is measured where it is thinnest, wherever
-/// that is.
+/// bones and crotch, which counts more if it is hidden, from 0 to 1.
 fn level_sd_mm(girth: Girth, hidden_crotch: f64) -> f64 {
     let (own_mm, change_by_crotch) = match girth {
-        Girth::Neck => (0.0, 0.0),
+        // wherever they are thinnest or thickest
+        Girth::Neck
+        | Girth::NarrowestWaist
+        | Girth::LeftLowerKnee
+        | Girth::RightLowerKnee
+        | Girth::LeftForearm
+        | Girth::RightForearm => (0.0, 0.0),
+        Girth::HighHip => (3.0, 0.45),
+        Girth::LeftMidThigh | Girth::RightMidThigh => (3.0, 0.5),
         Girth::Waist => (2.0, 0.5),
         Girth::Hip => (3.0, 0.4),
         Girth::LeftThigh | Girth::RightThigh => (3.0, 1.0),

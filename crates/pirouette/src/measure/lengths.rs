@@ -1,7 +1,7 @@
 //! Heights above the floor and lengths along the body.
 
 use glam::{DVec2, DVec3};
-use pirouette_geom::section::{convex_hull, perimeter, plane_section};
+use pirouette_geom::section::{convex_hull, plane_section};
 
 use super::marked_avatar::MarkedAvatar;
 use super::tape::Tape;
@@ -9,7 +9,7 @@ use super::{
     BodySource, Estimate, Girth, Landmark, Measure, MeasureInput, Measured, Method, Unavailable,
 };
 use crate::scan::StatureFrom;
-use pirouette_body::Bone;
+use pirouette_body::{Avatar, Bone, ReferencePose};
 
 /// Standard deviation of the scale by a card, as a share: the remaining effect of tilt and of edges a few pixels long
 const CARD_SCALE_SD: f64 = 0.01;
@@ -72,6 +72,21 @@ fn own_sd(measure: Measure) -> [f64; 2] {
         Measure::Rise => [5.0, 5.5],
         Measure::ArmLength => [4.8, 5.3],
         Measure::ShoulderToWrist => [4.5, 4.5],
+        Measure::NapeHeight => [5.0, 4.5],
+        Measure::ShoulderHeight | Measure::NarrowestWaistHeight => [4.0, 3.5],
+        Measure::UnderbustHeight => [4.2, 3.8],
+        Measure::KneeHeight => [2.5, 2.2],
+        Measure::ShoulderLength => [5.2, 5.2],
+        Measure::UpperArmLength => [2.5, 3.2],
+        Measure::NapeToWrist => [5.5, 5.5],
+        Measure::AcrossBack => [9.5, 9.8],
+        Measure::AcrossFront => [12.0, 10.0],
+        Measure::BustSpan => [13.0, 9.0],
+        Measure::SideNeckToBust => [6.0, 5.5],
+        Measure::FrontLength => [4.2, 4.5],
+        Measure::WaistToHip | Measure::BodyRise => [2.5, 2.5],
+        Measure::WaistToKnee => [3.0, 3.0],
+        Measure::FrontRise | Measure::BackRise => [5.0, 5.0],
         _ => [8.0, 8.0],
     }
 }
@@ -99,8 +114,26 @@ pub(super) fn hidden_crotch(avatar: &MarkedAvatar) -> f64 {
 pub(super) fn change_by_crotch(measure: Measure) -> f64 {
     match measure {
         Measure::CrotchHeight | Measure::Rise => 1.0,
-        Measure::WaistHeight => 0.5,
+        Measure::WaistHeight
+        | Measure::BodyRise
+        | Measure::WaistToKnee
+        | Measure::FrontLength
+        | Measure::FrontRise
+        | Measure::BackRise => 0.5,
         Measure::HipHeight => 0.4,
+        Measure::WaistToHip => 0.1,
+        _ => 0.0,
+    }
+}
+
+/// Returns the standard deviation caused by arms stretched out level, as a share of a length
+///
+/// With its arms lowered afterwards, the built-in mannequin in T-pose has these differences to one in A-pose.
+pub(super) fn lifted_share(measure: Measure) -> f64 {
+    match measure {
+        Measure::ShoulderLength => 0.10,
+        Measure::AcrossBack => 0.06,
+        Measure::AcrossFront => 0.15,
         _ => 0.0,
     }
 }
@@ -125,7 +158,15 @@ pub(super) fn measure_length(
     let value_mm = sides.iter().sum::<f64>() / sides.len() as f64;
     let [photos, given] = own_sd(measure);
     let hidden_mm = HIDDEN_CROTCH_MM * hidden_crotch(avatar) * change_by_crotch(measure);
-    let sd_mm = factor * input.between(photos, given).hypot(hidden_mm);
+    let lifted_mm = match input.avatar.pose {
+        ReferencePose::A => 0.0,
+        ReferencePose::T => lifted_share(measure) * value_mm,
+    };
+    let sd_mm = factor
+        * input
+            .between(photos, given)
+            .hypot(hidden_mm)
+            .hypot(lifted_mm);
     Measured {
         left_mm: of_side(0),
         right_mm: of_side(1),
@@ -148,8 +189,193 @@ pub(super) fn of_avatar(avatar: &MarkedAvatar, measure: Measure) -> Option<Vec<f
         Measure::ArmLength => Some(arm_length(avatar)),
         Measure::ShoulderToWrist => shoulder_to_wrist(avatar),
         Measure::FootLength => foot_length(avatar),
+        Measure::UnderbustHeight => level(Girth::Underbust),
+        Measure::NarrowestWaistHeight => level(Girth::NarrowestWaist),
+        Measure::NapeHeight => Some(vec![avatar.landmark(Landmark::Nape)?.y]),
+        Measure::ShoulderHeight => both(|side| Some(side.acromion(avatar)?.y)),
+        Measure::KneeHeight => both(|side| Some(avatar.tape(side.knee)?.center().y)),
+        Measure::ShoulderLength => both(|side| shoulder_length(avatar, side)),
+        Measure::UpperArmLength => both(|side| upper_arm_length(avatar, side)),
+        Measure::NapeToWrist => nape_to_wrist(avatar),
+        Measure::AcrossBack => across_trunk(avatar, -1.0).map(|v| vec![v]),
+        Measure::AcrossFront => across_trunk(avatar, 1.0).map(|v| vec![v]),
+        Measure::BustSpan => {
+            let [left, right] = SIDES.map(|side| avatar.landmark(side.bust_point));
+            Some(vec![left?.distance(right?)])
+        }
+        Measure::SideNeckToBust => both(|side| side_neck_to_bust(avatar, side)),
+        Measure::FrontLength => both(|side| {
+            let bust = avatar.landmark(side.bust_point)?;
+            let waist = avatar.landmark(side.waist_front)?;
+            let below = taut_below(avatar, bust, waist, DVec3::X, DVec3::Z)?;
+            Some(side_neck_to_bust(avatar, side)? + below)
+        }),
+        Measure::WaistToHip => between(avatar, Measure::WaistHeight, Measure::HipHeight),
+        Measure::BodyRise => between(avatar, Measure::WaistHeight, Measure::CrotchHeight),
+        Measure::WaistToKnee => between(avatar, Measure::WaistHeight, Measure::KneeHeight),
+        Measure::FrontRise => parts_of_rise(avatar).map(|[front, _]| vec![front]),
+        Measure::BackRise => parts_of_rise(avatar).map(|[_, back]| vec![back]),
         _ => None,
     }
+}
+
+/// Landmarks, tapes and bones of one side
+struct Side {
+    acromion: Landmark,
+    bust_point: Landmark,
+    side_neck: Landmark,
+    waist_front: Landmark,
+    knee: Girth,
+    elbow: Bone,
+    upper_arm: Bone,
+    /// +1 to the person's left
+    outward: f64,
+}
+
+/// The left and the right side
+const SIDES: [Side; 2] = [
+    Side {
+        acromion: Landmark::LeftAcromion,
+        bust_point: Landmark::LeftBustPoint,
+        side_neck: Landmark::LeftSideNeck,
+        waist_front: Landmark::LeftWaistFront,
+        knee: Girth::LeftKnee,
+        elbow: Bone::LeftForearm,
+        upper_arm: Bone::LeftUpperArm,
+        outward: 1.0,
+    },
+    Side {
+        acromion: Landmark::RightAcromion,
+        bust_point: Landmark::RightBustPoint,
+        side_neck: Landmark::RightSideNeck,
+        waist_front: Landmark::RightWaistFront,
+        knee: Girth::RightKnee,
+        elbow: Bone::RightForearm,
+        upper_arm: Bone::RightUpperArm,
+        outward: -1.0,
+    },
+];
+
+impl Side {
+    fn acromion(&self, avatar: &MarkedAvatar) -> Option<DVec3> {
+        avatar.landmark(self.acromion)
+    }
+}
+
+/// Measures both sides, left first; `None` if one is missing
+fn both(of_side: impl Fn(&Side) -> Option<f64>) -> Option<Vec<f64>> {
+    SIDES.iter().map(of_side).collect()
+}
+
+/// Returns the vertical distance of two heights, the mean of both sides
+fn between(avatar: &MarkedAvatar, high: Measure, low: Measure) -> Option<Vec<f64>> {
+    let mean = |measure| {
+        let sides = of_avatar(avatar, measure)?;
+        Some(sides.iter().sum::<f64>() / sides.len() as f64)
+    };
+    Some(vec![mean(high)? - mean(low)?])
+}
+
+/// Measures from the side of the neck to the acromion, over the shoulder
+fn shoulder_length(avatar: &MarkedAvatar, side: &Side) -> Option<f64> {
+    let neck = avatar.landmark(side.side_neck)?;
+    let acromion = side.acromion(avatar)?;
+    taut_below(
+        avatar,
+        neck,
+        acromion,
+        (acromion - neck).cross(DVec3::Y),
+        DVec3::Y,
+    )
+}
+
+/// Measures from the acromion to the elbow joint
+fn upper_arm_length(avatar: &MarkedAvatar, side: &Side) -> Option<f64> {
+    let elbow = avatar.in_a_pose().bone_heads[side.elbow];
+    Some(side.acromion(avatar)?.distance(elbow))
+}
+
+/// Measures from the nape over acromion and elbow to the wrist
+fn nape_to_wrist(avatar: &MarkedAvatar) -> Option<Vec<f64>> {
+    let half = shoulder_width(avatar)? / 2.0;
+    let arms = shoulder_to_wrist(avatar)?;
+    Some(arms.into_iter().map(|arm| half + arm).collect())
+}
+
+/// Measures from the side of the neck to the bust point
+fn side_neck_to_bust(avatar: &MarkedAvatar, side: &Side) -> Option<f64> {
+    let neck = avatar.landmark(side.side_neck)?;
+    let bust = avatar.landmark(side.bust_point)?;
+    // not over the chin, which is before the neck
+    let nape = avatar.landmark(Landmark::Nape)?;
+    let below = |p: DVec3| p.y < nape.y;
+    let plane = ((bust - neck).cross(DVec3::Z), DVec3::Z);
+    Some(path_length_2d(&taut_path(
+        avatar, neck, bust, plane, below,
+    )?))
+}
+
+/// Measures the taut tape over the back (`forward` -1) or the chest (1) from arm to arm, midway between acromion and
+/// armpit
+fn across_trunk(avatar: &MarkedAvatar, forward: f64) -> Option<f64> {
+    let armpit = avatar.tape(Girth::Overbust)?.center().y;
+    let [left, right] = SIDES.map(|side| side.acromion(avatar));
+    let level = (armpit + (left?.y + right?.y) / 2.0) / 2.0;
+    let body = avatar.in_a_pose();
+    let [left, right] = SIDES.map(|side| arm_crease(body, level, forward, &side));
+    let (left, right) = (left?, right?);
+    taut_below(avatar, left, right, DVec3::Y, DVec3::Z * forward)
+}
+
+/// Returns the point of a level at the front or the back where the skin of an arm begins
+fn arm_crease(body: &Avatar, level: f64, forward: f64, side: &Side) -> Option<DVec3> {
+    let joint = body.bone_heads[side.upper_arm];
+    let share = |v: u32| body.weights[v as usize].below(side.upper_arm);
+    let position = |v: u32| body.mesh.positions[v as usize];
+    let edges = body.mesh.triangles.iter();
+    let edges = edges.flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+    // Points of the section where the arm's share is one half, interpolated within triangles' sides
+    let crossing = edges.filter_map(|[a, b]| {
+        let (p, q) = (position(a), position(b));
+        let along = (level - p.y) / (q.y - p.y);
+        let within = (0.0..=1.0).contains(&along);
+        within.then(|| (p.lerp(q, along), share(a) + (share(b) - share(a)) * along))
+    });
+    let on_side = crossing.filter(|(p, _)| (p.z - joint.z) * forward > 0.0);
+    let of_trunk = on_side.filter(|(_, share)| *share < 0.5);
+    let outward = |p: &DVec3| p.x * side.outward;
+    of_trunk
+        .map(|(p, _)| p)
+        .max_by(|a, b| outward(a).total_cmp(&outward(b)))
+}
+
+/// Measures the parts of the rise before and behind the hip joints
+fn parts_of_rise(avatar: &MarkedAvatar) -> Option<[f64; 2]> {
+    let front = avatar.landmark(Landmark::WaistFront)?;
+    let back = avatar.landmark(Landmark::WaistBack)?;
+    let heads = &avatar.in_a_pose().bone_heads;
+    let hips = (heads[Bone::LeftThigh] + heads[Bone::RightThigh]) / 2.0;
+    let path = taut_path(avatar, front, back, (DVec3::X, -DVec3::Y), |_| true)?;
+    let along = (back - front).try_normalize()?;
+    let place = (hips - front).dot(along);
+    let length = |from: f64, to: f64| -> f64 {
+        let sides = path.windows(2).map(|side| {
+            let (a, b) = (side[0], side[1]);
+            let run = b.x - a.x;
+            let inside = (b.x.min(to) - a.x.max(from)).max(0.0);
+            // A side across the path belongs to the part that contains it.
+            match run > 0.0 {
+                true => a.distance(b) * inside / run,
+                false if (from..to).contains(&a.x) => a.distance(b),
+                false => 0.0,
+            }
+        });
+        sides.sum()
+    };
+    Some([
+        length(f64::NEG_INFINITY, place),
+        length(place, f64::INFINITY),
+    ])
 }
 
 /// Measures from acromion to acromion over the nape, a taut tape over the back
@@ -192,6 +418,24 @@ fn taut_below(
     normal: DVec3,
     outward: DVec3,
 ) -> Option<f64> {
+    let path = taut_path(avatar, from, to, (normal, outward), |_| true)?;
+    Some(path_length_2d(&path))
+}
+
+fn path_length_2d(path: &[DVec2]) -> f64 {
+    path.windows(2).map(|side| side[0].distance(side[1])).sum()
+}
+
+/// Returns the corners of a taut tape like [`taut_below`], in its plane: distance along the straight line, and from it
+///
+/// Only points of the surface that `touches` accepts hold it.
+fn taut_path(
+    avatar: &MarkedAvatar,
+    from: DVec3,
+    to: DVec3,
+    (normal, outward): (DVec3, DVec3),
+    touches: impl Fn(DVec3) -> bool,
+) -> Option<Vec<DVec2>> {
     let loops = plane_section(&avatar.in_a_pose().mesh, from, normal);
     let along = (to - from).try_normalize()?;
     let side = (outward - along * outward.dot(along)).try_normalize()?;
@@ -209,11 +453,17 @@ fn taut_below(
     })?;
     let mut points: Vec<DVec2> = nearest
         .iter()
+        .filter(|&&p| touches(p))
         .map(|&p| flat(p))
         .filter(|p| p.y >= 0.0 && (0.0..=length).contains(&p.x))
         .collect();
     points.extend([DVec2::ZERO, DVec2::new(length, 0.0)]);
-    Some(perimeter(&convex_hull(&points)) - length)
+    // Counter-clockwise, the straight line leads from the start to the end, and the tape back.
+    let mut path = convex_hull(&points);
+    let end = path.iter().position(|p| *p == DVec2::new(length, 0.0))?;
+    path.rotate_left(end);
+    path.reverse();
+    Some(path)
 }
 
 /// Measures from the shoulder joint over the elbow to the wrist joint

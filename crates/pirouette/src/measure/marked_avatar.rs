@@ -19,7 +19,10 @@ pub(super) struct MarkedAvatar<'a> {
 
 /// Tapes whose position differs when arms are stretched out level
 pub(super) fn moves_with_arms(girth: Girth) -> bool {
-    matches!(girth, Girth::Neck | Girth::Bust | Girth::Underbust)
+    matches!(
+        girth,
+        Girth::Neck | Girth::Bust | Girth::Underbust | Girth::Overbust
+    )
 }
 
 impl<'a> MarkedAvatar<'a> {

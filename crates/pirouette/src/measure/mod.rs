@@ -26,7 +26,7 @@ use crate::scan::{StatureFrom, Subject};
 use marked_avatar::MarkedAvatar;
 pub use marked_avatar::measure_avatar;
 pub use mass::BodyMass;
-pub use names::{Girth, Landmark, Measure};
+pub use names::{Basis, Girth, Landmark, Measure};
 use pirouette_body::render::SilhouetteMesh;
 use pirouette_body::{Avatar, Camera, Pose, PosedAvatar, TurnAngle};
 use pirouette_geom::outline_map::OutlineMap;
@@ -125,7 +125,10 @@ impl MeasureInput<'_> {
 fn detected_keypoints_sd(measure: Measure) -> f64 {
     match measure {
         Measure::Stature => 0.0,
-        Measure::ShoulderWidth => 0.030,
+        Measure::ShoulderWidth
+        | Measure::ShoulderLength
+        | Measure::AcrossBack
+        | Measure::AcrossFront => 0.030,
         Measure::BackLength | Measure::NapeToWaist => 0.025,
         Measure::BustGirth | Measure::CrotchHeight | Measure::FootLength => 0.015,
         Measure::WaistGirth | Measure::ThighGirth => 0.010,
@@ -140,8 +143,14 @@ fn detected_keypoints_sd(measure: Measure) -> f64 {
 fn estimated_keypoints_sd(measure: Measure) -> f64 {
     match measure {
         Measure::Stature => 0.0,
-        Measure::ShoulderWidth => 0.035,
-        Measure::ArmLength | Measure::ShoulderToWrist => 0.030,
+        Measure::ShoulderWidth
+        | Measure::ShoulderLength
+        | Measure::AcrossBack
+        | Measure::AcrossFront => 0.035,
+        Measure::ArmLength
+        | Measure::ShoulderToWrist
+        | Measure::UpperArmLength
+        | Measure::NapeToWrist => 0.030,
         Measure::BustGirth
         | Measure::BackLength
         | Measure::NapeToWaist

@@ -72,6 +72,9 @@ const CROTCH_USUAL: f64 = 0.042;
 /// Deviation from that at which the lower end of the trunk counts by half, as a share of the stature
 const CROTCH_UNUSUAL: f64 = 0.012;
 
+/// A narrowest place of the trunk is thinner than the ends of the range by this share
+const NARROWEST_DEPTH: f64 = 0.01;
+
 /// Step of the searches along the body, as a share of the stature
 pub(super) const STEP: f64 = 0.001;
 
@@ -84,6 +87,10 @@ pub(super) struct Levels {
     pub(super) crotch: DVec3,
     /// Lowest points where the arms touch the trunk
     pub(super) arms_part: f64,
+    /// Below the armpits, above the bust
+    pub(super) overbust: f64,
+    /// Where the trunk is thinnest, if it is thicker above and below
+    pub(super) narrowest_waist: Option<f64>,
 }
 
 impl Levels {
@@ -104,13 +111,17 @@ impl Levels {
         let seat = rearmost.map_or(usual_seat, |rearmost| (rearmost + usual_seat) / 2.0);
 
         let bust = bust(body);
+        let underbust = underbust(body, bust);
+        let waist = by_crotch(WAIST_BY_CROTCH);
         Self {
             bust,
-            underbust: underbust(body, bust),
-            waist: by_crotch(WAIST_BY_CROTCH),
+            underbust,
+            waist,
             seat,
             crotch,
             arms_part: armpit(body),
+            overbust: bust_zone(body)[1].max(bust),
+            narrowest_waist: narrowest(body, (waist + seat) / 2.0, underbust),
         }
     }
 }
@@ -191,14 +202,34 @@ fn armpit(body: &Body<'_>) -> f64 {
     }
 }
 
-/// Returns the height of the frontmost points next to the breast bone, mean of both sides
-fn bust(body: &Body<'_>) -> f64 {
+/// Returns the range searched for the bust
+fn bust_zone(body: &Body<'_>) -> [f64; 2] {
     let armpit = armpit(body);
     let highest = armpit.max(expected_armpit(body) - ARMPIT_TOLERANCE * body.stature);
-    let [low, high] = [
+    [
         armpit - BUST_ZONE[0] * body.stature,
         highest - BUST_ZONE[1] * body.stature,
-    ];
+    ]
+}
+
+/// Returns the height at which the trunk is thinnest; `None` if that is an end of the range
+fn narrowest(body: &Body<'_>, low: f64, high: f64) -> Option<f64> {
+    let surface = body.trunk.between(low, high);
+    let girths = profile(&body.heights(low, high), |y| {
+        Some(surface.girth(Plane::level(y))).filter(|&girth| girth > 0.0)
+    });
+    let thinnest = girths.iter().map(|&(_, girth)| girth).reduce(f64::min)?;
+    let inside = |(_, girth): &(f64, f64)| *girth > thinnest * (1.0 + NARROWEST_DEPTH);
+    if !(girths.first().is_some_and(inside) && girths.last().is_some_and(inside)) {
+        return None;
+    }
+    let thickness: Vec<(f64, f64)> = girths.iter().map(|&(y, girth)| (y, -girth)).collect();
+    plateau(&thickness, PLATEAU * body.stature)
+}
+
+/// Returns the height of the frontmost points next to the breast bone, mean of both sides
+fn bust(body: &Body<'_>) -> f64 {
+    let [low, high] = bust_zone(body);
     let reach_mm = BUST_SMOOTHING * body.stature;
     let sides = [1.0, -1.0].map(|outward| {
         let front = chest(body, [low - reach_mm, high + reach_mm], outward);

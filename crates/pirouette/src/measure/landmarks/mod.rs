@@ -53,6 +53,12 @@ const ANKLE_ZONE: [f64; 2] = [0.0, 0.4];
 /// At the joint itself girths grow toward the hand by 1 mm per mm, and joints are misplaced by 5 mm.
 const WRIST_ZONE: [f64; 2] = [0.88, 1.0];
 
+/// Range searched for the thickest forearm, as shares of the way from elbow to wrist joint
+const FOREARM_ZONE: [f64; 2] = [0.08, 0.4];
+
+/// Range searched for the thinnest place below the knee, as shares of the way from ankle to knee
+const LOWER_KNEE_ZONE: [f64; 2] = [0.84, 1.0];
+
 /// Range searched for the smallest neck, as shares of the way from the neck's to the head's joint
 const NECK_ZONE: [f64; 2] = [0.0, 0.75];
 
@@ -263,6 +269,12 @@ impl Body<'_> {
         add(Girth::Underbust, &chest, Plane::level(levels.underbust));
         add(Girth::Waist, trunk, Plane::level(levels.waist));
         add(Girth::Hip, trunk, Plane::level(levels.seat));
+        add(Girth::Overbust, &chest, Plane::level(levels.overbust));
+        if let Some(level) = levels.narrowest_waist {
+            add(Girth::NarrowestWaist, trunk, Plane::level(level));
+        }
+        let high_hip = (levels.waist + levels.seat) / 2.0;
+        add(Girth::HighHip, trunk, Plane::level(high_hip));
         let [left, right] = [
             [
                 Girth::LeftThigh,
@@ -271,6 +283,10 @@ impl Body<'_> {
                 Girth::LeftAnkle,
                 Girth::LeftUpperArm,
                 Girth::LeftWrist,
+                Girth::LeftMidThigh,
+                Girth::LeftLowerKnee,
+                Girth::LeftElbow,
+                Girth::LeftForearm,
             ],
             [
                 Girth::RightThigh,
@@ -279,15 +295,21 @@ impl Body<'_> {
                 Girth::RightAnkle,
                 Girth::RightUpperArm,
                 Girth::RightWrist,
+                Girth::RightMidThigh,
+                Girth::RightLowerKnee,
+                Girth::RightElbow,
+                Girth::RightForearm,
             ],
         ];
-        for (limbs, [thigh, knee, calf, ankle, upper_arm, wrist]) in
-            [(&self.left, left), (&self.right, right)]
-        {
+        for (limbs, girths) in [(&self.left, left), (&self.right, right)] {
+            let [thigh, knee, calf, ankle, upper_arm, wrist, ..] = girths;
+            let [.., mid_thigh, lower_knee, elbow, forearm] = girths;
             let (knee_joint, ankle_joint) = (self.head(limbs.shin), self.head(limbs.foot));
             let thigh_level = levels.crotch.y - THIGH_BELOW_CROTCH * self.stature;
             add(thigh, &limbs.leg, Plane::level(thigh_level));
             add(knee, &limbs.leg, Plane::level(knee_joint.y));
+            let middle = (levels.crotch.y + knee_joint.y) / 2.0;
+            add(mid_thigh, &limbs.leg, Plane::level(middle));
             let girths = |zone: [f64; 2]| {
                 let [low, high] = zone.map(|t| ankle_joint.lerp(knee_joint, t).y);
                 let leg = limbs.leg.between(low, high);
@@ -301,11 +323,11 @@ impl Body<'_> {
             if let Some((y, _)) = largest {
                 add(calf, &limbs.leg, Plane::level(y));
             }
-            let smallest = girths(ANKLE_ZONE)
-                .into_iter()
-                .min_by(|a, b| a.1.total_cmp(&b.1));
-            if let Some((y, _)) = smallest {
-                add(ankle, &limbs.leg, Plane::level(y));
+            for (girth, zone) in [(ankle, ANKLE_ZONE), (lower_knee, LOWER_KNEE_ZONE)] {
+                let smallest = girths(zone).into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
+                if let Some((y, _)) = smallest {
+                    add(girth, &limbs.leg, Plane::level(y));
+                }
             }
             if let Some(plane) = across(
                 self.head(limbs.upper_arm),
@@ -316,6 +338,20 @@ impl Body<'_> {
             }
             if let Some(plane) = self.thinnest_wrist(limbs) {
                 add(wrist, &limbs.arm, plane);
+            }
+            let [shoulder_joint, elbow_joint, wrist_joint] =
+                [limbs.upper_arm, limbs.forearm, limbs.hand].map(|bone| self.head(bone));
+            // The arm hardly bends there: across the line from shoulder to wrist
+            let along = (wrist_joint - shoulder_joint).try_normalize();
+            if let Some(normal) = along {
+                let plane = Plane {
+                    origin: elbow_joint,
+                    normal,
+                };
+                add(elbow, &limbs.arm, plane);
+            }
+            if let Some(plane) = self.thickest_forearm(limbs) {
+                add(forearm, &limbs.arm, plane);
             }
         }
         sections
@@ -347,16 +383,31 @@ impl Body<'_> {
 
     /// Returns the plane across the forearm above the wrist joint where it is thinnest
     fn thinnest_wrist(&self, limbs: &Limbs<'_>) -> Option<Plane> {
+        let planes = self.across_forearm(limbs, WRIST_ZONE);
+        let thinnest = planes.min_by(|a, b| a.1.total_cmp(&b.1));
+        thinnest.map(|(plane, _)| plane)
+    }
+
+    /// Returns the plane across the forearm below the elbow where it is thickest
+    fn thickest_forearm(&self, limbs: &Limbs<'_>) -> Option<Plane> {
+        let planes = self.across_forearm(limbs, FOREARM_ZONE);
+        let thickest = planes.max_by(|a, b| a.1.total_cmp(&b.1));
+        thickest.map(|(plane, _)| plane)
+    }
+
+    /// Returns planes across a forearm with their girths, in a range of shares of the way from elbow to wrist joint
+    fn across_forearm(
+        &self,
+        limbs: &Limbs<'_>,
+        [low, high]: [f64; 2],
+    ) -> impl Iterator<Item = (Plane, f64)> {
         const STEPS: u32 = 12;
-        let [low, high] = WRIST_ZONE;
         let (elbow, hand) = (self.head(limbs.forearm), self.head(limbs.hand));
-        let planes = (0..=STEPS).filter_map(|i| {
+        (0..=STEPS).filter_map(move |i| {
             let share = low + (high - low) * f64::from(i) / f64::from(STEPS);
             let plane = across(elbow, hand, share)?;
             Some((plane, limbs.arm.girth(plane))).filter(|&(_, girth)| girth > 0.0)
-        });
-        let thinnest = planes.min_by(|a, b| a.1.total_cmp(&b.1));
-        thinnest.map(|(plane, _)| plane)
+        })
     }
 
     /// Returns the level plane over the ears at which the head is largest

@@ -3,12 +3,18 @@
 use glam::DVec3;
 
 use super::levels::{BUST_MIN_X, Levels};
-use super::{Body, Limbs};
+use super::{Body, Limbs, Plane};
 use crate::measure::Landmark;
 use pirouette_body::Bone;
 
 /// Seventh cervical vertebra above the neck's joint, as a share of the stature
 const NAPE_ABOVE_NECK: f64 = 0.004;
+
+/// Points are weighted by `exp(-depth behind the foremost / this)`, a share of the stature (4 mm)
+const BUST_POINT_SOFTNESS: f64 = 0.0025;
+
+/// Direction from the neck's joint to the side of the neck, above level
+const SIDE_NECK_DEGREES: f64 = 25.0;
 
 impl Body<'_> {
     pub(super) fn landmarks(&self, levels: &Levels) -> Vec<(Landmark, DVec3)> {
@@ -39,35 +45,63 @@ impl Body<'_> {
         add(Landmark::Seat, self.foremost(trunk, backward));
         add(Landmark::Crotch, Some(levels.crotch));
         let middle = self.head(Bone::UpperSpine).x;
-        for (limbs, bust, acromion, wrist) in [
-            (
-                &self.left,
+        let sides = [
+            [
                 Landmark::LeftBustPoint,
                 Landmark::LeftAcromion,
                 Landmark::LeftWrist,
-            ),
-            (
-                &self.right,
+                Landmark::LeftSideNeck,
+                Landmark::LeftWaistFront,
+            ],
+            [
                 Landmark::RightBustPoint,
                 Landmark::RightAcromion,
                 Landmark::RightWrist,
-            ),
-        ] {
-            let forward = |p: DVec3| {
-                let beside = (p.x - middle) * limbs.outward > BUST_MIN_X * self.stature;
-                if beside && at(p, levels.bust) {
-                    p.z
-                } else {
-                    f64::NAN
-                }
-            };
-            add(bust, self.foremost(trunk, forward));
+                Landmark::RightSideNeck,
+                Landmark::RightWaistFront,
+            ],
+        ];
+        let limbs = [&self.left, &self.right];
+        for (limbs, [bust, acromion, wrist, side_neck, waist]) in limbs.into_iter().zip(sides) {
+            let bust_point = self.bust_point(levels.bust, limbs.outward, middle);
+            add(bust, bust_point);
+            let below = bust_point.and_then(|p| {
+                let inner = DVec3::new(p.x, levels.waist, self.head(Bone::LowerSpine).z);
+                self.surface_from(inner, DVec3::Z)
+            });
+            add(waist, below);
+            let (sin, cos) = SIDE_NECK_DEGREES.to_radians().sin_cos();
+            let beside = DVec3::new(cos * limbs.outward, sin, 0.0);
+            add(side_neck, self.surface_from(self.head(Bone::Neck), beside));
             // straight above the joint
             let shoulder = self.head(limbs.upper_arm);
             add(acromion, self.surface_from(shoulder, DVec3::Y));
             add(wrist, self.outer_wrist(limbs));
         }
         found
+    }
+
+    /// Returns the frontmost point of a level on one side of the chest
+    ///
+    /// Chests are flat there: the mean of all points, those further behind with less weight, varies less than the foremost.
+    fn bust_point(&self, level: f64, outward: f64, middle: f64) -> Option<DVec3> {
+        let points = self.trunk.cut(Plane::level(level));
+        let beside = |p: DVec3| (p.x - middle) * outward > BUST_MIN_X * self.stature;
+        let points: Vec<DVec3> = points
+            .iter()
+            .map(|c| c.point)
+            .filter(|&p| beside(p))
+            .collect();
+        let front = points.iter().map(|p| p.z).reduce(f64::max)?;
+        let softness = BUST_POINT_SOFTNESS * self.stature;
+        let (mut weights, mut sum) = (0.0, 0.0);
+        for p in &points {
+            let weight = ((p.z - front) / softness).exp();
+            weights += weight;
+            sum += weight * p.x;
+        }
+        let inner = DVec3::new(sum / weights, level, self.head(Bone::UpperSpine).z);
+        self.surface_from(inner, DVec3::Z)
     }
 
     /// Returns the outer side of the wrist, in the direction of the upper arm

@@ -1,6 +1,7 @@
 use std::sync::LazyLock;
 
 use super::*;
+use crate::measure::lengths::lifted_share;
 use crate::measure::measure_avatar;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::{PerBone, Sex};
@@ -120,7 +121,7 @@ fn arm_tapes_are_perpendicular_to_the_bones() {
 #[test]
 fn loops_run_around_once_without_arms() {
     let found = find_on(&WOMAN);
-    assert_eq!(found.0.len(), 18);
+    assert_eq!(found.0.len(), 29);
     for tape in &found.0 {
         let middle = center(&WOMAN, tape);
         let points: Vec<DVec3> = tape
@@ -148,7 +149,7 @@ fn loops_run_around_once_without_arms() {
 fn landmarks_lie_on_their_sides() {
     let found = find_on(&WOMAN);
     let at = |name| landmark(&found, name);
-    assert_eq!(found.1.len(), 12);
+    assert_eq!(found.1.len(), 16);
     assert!((at(Landmark::Crown).y - 1630.0).abs() < 1e-6);
     assert!(at(Landmark::Nape).z < 0.0 && at(Landmark::Nape).x.abs() < 15.0);
     assert!((at(Landmark::Nape).y / 1630.0 - 0.857).abs() < 0.012);
@@ -160,6 +161,8 @@ fn landmarks_lie_on_their_sides() {
         (Landmark::LeftBustPoint, Landmark::RightBustPoint),
         (Landmark::LeftAcromion, Landmark::RightAcromion),
         (Landmark::LeftWrist, Landmark::RightWrist),
+        (Landmark::LeftSideNeck, Landmark::RightSideNeck),
+        (Landmark::LeftWaistFront, Landmark::RightWaistFront),
     ] {
         let (left, right) = (at(left), at(right));
         assert!(left.x > 40.0 && right.x < -40.0);
@@ -228,7 +231,11 @@ fn arms_lowered_from_a_t_pose_have_nearly_the_measures_of_an_a_pose() {
     let measures = |pose| measure_avatar(&mannequin(&parameters(pose)).unwrap());
     let (a, t) = (measures(ReferencePose::A), measures(ReferencePose::T));
     for ((measure, a), (_, t)) in a.iter().zip(&t) {
-        assert!((t / a - 1.0).abs() < 0.035, "{measure:?}: {a:.1} {t:.1}");
+        let tolerance = 0.035 + lifted_share(*measure);
+        assert!(
+            (t / a - 1.0).abs() < tolerance,
+            "{measure:?}: {a:.1} {t:.1}"
+        );
     }
 }
 
