@@ -57,6 +57,8 @@ pub fn meshes(bytes: &[u8]) {
         mesh::read_ply(bytes),
         mesh::read_obj(bytes),
         mesh::read_off(bytes),
+        mesh::read_stl(bytes),
+        mesh::MeshFormat::Glb.read(bytes),
     ];
     for mesh in meshes.into_iter().flatten() {
         let count = mesh.positions.len();

@@ -4,6 +4,7 @@ mod arap_command;
 mod args;
 mod avatar_command;
 mod check_command;
+mod compare_command;
 mod demo_command;
 mod eval_command;
 mod keypoints_command;
@@ -81,6 +82,7 @@ fn run_command(cli: &Cli, output: Output, cancel: &CancelToken) -> Result<()> {
         Command::Check(args) => check_command::run(args, output, cli.quiet, cancel),
         Command::Keypoints(args) => keypoints_command::run(args, output, cli.quiet, cancel),
         Command::Demo(args) => demo_command::run(args, output, cli.quiet, cancel),
+        Command::Compare(args) => compare_command::run(args, output),
         Command::Size(args) => size_command::run(args, output),
         Command::Avatar(args) => avatar_command::run(args, output),
         Command::Arap(args) => arap_command::run(args, output),

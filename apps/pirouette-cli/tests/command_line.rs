@@ -4,7 +4,8 @@ mod common;
 
 use common::{Folders, pirouette, text};
 
-const COMMANDS: [&str; 12] = [
+const COMMANDS: [&str; 13] = [
+    "compare",
     "scan",
     "segment",
     "normalize",
@@ -221,6 +222,18 @@ fn a_mesh_is_measured() {
     for file in ["body.ply", "tapes.jpg", "measurements.json", "result.json"] {
         assert!(out.join(file).exists(), "{file}");
     }
+
+    // The result does not differ from itself.
+    let changes = folders.path("changes");
+    let run = pirouette(&["compare", text(&out), text(&out), "-o", text(&changes)]).exits_with(0);
+    assert!(run.stdout().contains("waist girth") && !run.stdout().contains('*'));
+    assert!(changes.join("compare.json").exists() && changes.join("changes.ply").exists());
+    let run = pirouette(&["compare", text(&out), text(&changes)]).exits_with(1);
+    assert!(
+        run.stderr().contains("measurements.json"),
+        "{}",
+        run.stderr()
+    );
 
     // A mesh that cannot be measured is one clear error, and removes the earlier result.
     let broken = folders.write("broken.obj", "v 0 0 0\nf 1 2 3\n");

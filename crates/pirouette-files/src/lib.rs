@@ -7,6 +7,8 @@
 //! Files from other programs are validated here, once, and converted to the frames and units of [`pirouette`], which
 //! relies on it. Every file is written completely or not at all.
 
+#[cfg(feature = "folders")]
+pub mod compare;
 pub mod formats;
 pub mod job;
 pub mod keypoint_files;

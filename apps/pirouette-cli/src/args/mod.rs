@@ -3,6 +3,7 @@
 mod arap;
 mod avatar;
 mod check;
+mod compare;
 mod demo;
 mod eval;
 mod keypoints;
@@ -15,6 +16,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 pub use arap::ArapArgs;
 pub use avatar::AvatarArgs;
 pub use check::CheckArgs;
+pub use compare::CompareArgs;
 pub use demo::DemoArgs;
 pub use eval::{
     EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs,
@@ -85,6 +87,9 @@ pub enum Command {
     /// Measure a mesh of a person; with photos, same as `scan`
     #[command(after_help = scan::MEASURE_HELP)]
     Measure(MeasureArgs),
+    /// Compare two results of one person: what changed beyond chance
+    #[command(after_help = compare::COMPARE_HELP)]
+    Compare(CompareArgs),
     /// Recommend garment sizes for a result folder
     #[command(after_help = size::SIZE_HELP)]
     Size(SizeArgs),

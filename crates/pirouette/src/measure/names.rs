@@ -137,7 +137,7 @@ measures! {
     BustHeight, "bust_height", "Brusthöhe", "floor to the tape of the bust", [];
     WaistHeight, "waist_height", "Taillenhöhe", "floor to the tape of the waist", [];
     HipHeight, "hip_height", "Hüfthöhe", "floor to the tape of the hip", [];
-    UnderbustGirth, "underbust_girth", "Unterbrustumfang", "level, in the fold below the breast, or where it usually is on chests without one", [Underbust];
+    UnderbustGirth, "underbust_girth", "Unterbrustumfang", "level, below the breast: near its fold and where it usually is, where a taut tape does not slip", [Underbust];
     HeadGirth, "head_girth", "Kopfumfang", "level, where the head is largest above the ears, over hair and all", [Head];
     FootLength, "foot_length", "Fußlänge", "heel to the longest toe, along the foot", [];
     Rise, "rise", "Schrittlänge", "from the waist in front between the legs to the waist behind, a taut tape in the mid plane", [];
