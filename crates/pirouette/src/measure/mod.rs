@@ -111,6 +111,11 @@ impl ExtraSd {
 }
 
 impl MeasureInput<'_> {
+    /// Returns whether the body was fitted to a mesh: then only what joints determine is as uncertain as they are
+    fn surface_is_known(&self) -> bool {
+        self.stature_from == StatureFrom::Mesh
+    }
+
     /// Interpolates a standard deviation between those from photos and by given silhouettes
     fn between(&self, photos: f64, given: f64) -> f64 {
         photos + (given - photos) * self.given_masks.clamp(0.0, 1.0)
@@ -185,7 +190,10 @@ pub fn measure(input: &MeasureInput) -> Measurements {
             _ => lengths::measure_length(input, &marked, measure),
         };
         let detected_sd = input.detected_keypoints * detected_keypoints_sd(measure);
-        let estimated_sd = input.estimated_keypoints * estimated_keypoints_sd(measure);
+        let estimated_sd = match measure.basis() {
+            Basis::Skin if input.surface_is_known() => 0.0,
+            _ => input.estimated_keypoints * estimated_keypoints_sd(measure),
+        };
         let keypoint_sd = detected_sd.hypot(estimated_sd);
         let extra_sd = ExtraSd {
             share: input.extra_sd.share.hypot(keypoint_sd).hypot(contradiction),

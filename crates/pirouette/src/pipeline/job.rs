@@ -369,11 +369,7 @@ impl<'a> Job<'a> {
             count as f64 / views.len().max(1) as f64
         };
         let detected_keypoints = share_of(&|view| view.keypoint_kind == KeypointKind::MediaPipe);
-        let estimated_keypoints = match scan.surface {
-            // The fitted surface replaces them.
-            Some(_) => 0.0,
-            None => share_of(&|view| view.keypoints_from == KeypointSource::Estimate),
-        };
+        let estimated_keypoints = share_of(&|view| view.keypoints_from == KeypointSource::Estimate);
         let doubts = Doubts::of(scan, report);
         let found = self.stage(Stage::Measure, 1, |_| {
             let outlines = match source {
@@ -399,7 +395,7 @@ impl<'a> Job<'a> {
         if detected_keypoints > 0.0 {
             self.warn(Warning::KeypointsDetected);
         }
-        if estimated_keypoints > 0.0 {
+        if estimated_keypoints > 0.0 && scan.surface.is_none() {
             self.warn(Warning::KeypointsEstimated);
         }
         doubts.warnings().into_iter().for_each(|w| self.warn(w));
