@@ -252,8 +252,7 @@ pub fn change_colors(first: &TriMesh, second: &TriMesh) -> Vec<[u8; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pirouette::measure::{BodySource, ExtraSd, MeasureInput, measure};
-    use pirouette::scan::{StatureFrom, Subject};
+    use pirouette::measure::{MeasureInput, measure};
     use pirouette_body::Sex;
     use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
@@ -267,19 +266,7 @@ mod tests {
             ..MannequinParameters::default()
         })
         .expect("a usual woman");
-        let measurements = measure(&MeasureInput {
-            body: &avatar.mesh,
-            avatar: &avatar,
-            source: BodySource::Fitted,
-            views: &[],
-            stature_mm: Some(1680.0),
-            stature_from: StatureFrom::Stated,
-            subject: Subject::default(),
-            given_masks: 1.0,
-            detected_keypoints: 0.0,
-            estimated_keypoints: 0.0,
-            extra_sd: ExtraSd::default(),
-        });
+        let measurements = measure(&MeasureInput::of_avatar(&avatar));
         ComparedResult {
             measurements: measurements_json(&measurements, &[]),
             body: Some(avatar.mesh),

@@ -1,7 +1,6 @@
 //! The page of all measures: definitions, names elsewhere, accuracy, and a picture of all tapes.
 
-use pirouette::measure::{Basis, BodySource, ExtraSd, MeasureInput, measure};
-use pirouette::scan::{StatureFrom, Subject};
+use pirouette::measure::{Basis, MeasureInput, measure};
 use pirouette_body::Sex;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::render::SilhouetteMesh;
@@ -76,19 +75,7 @@ pub(super) fn measures_picture() -> Vec<u8> {
     let Ok(avatar) = mannequin(&parameters) else {
         return Vec::new();
     };
-    let measurements = measure(&MeasureInput {
-        body: &avatar.mesh,
-        avatar: &avatar,
-        source: BodySource::Fitted,
-        views: &[],
-        stature_mm: Some(avatar.stature_mm()),
-        stature_from: StatureFrom::Mesh,
-        subject: Subject::default(),
-        given_masks: 1.0,
-        detected_keypoints: 0.0,
-        estimated_keypoints: 0.0,
-        extra_sd: ExtraSd::default(),
-    });
+    let measurements = measure(&MeasureInput::of_avatar(&avatar));
     let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
     let sheet = tape_sheet(&avatar.mesh, &mesh, &measurements);
     encode_jpeg(&sheet, JPEG_QUALITY).unwrap_or_default()

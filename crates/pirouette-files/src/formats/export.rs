@@ -301,8 +301,8 @@ fn seamly(measurements: &Measurements) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pirouette::measure::{BodySource, MeasureInput, measure};
-    use pirouette::scan::{StatureFrom, Subject};
+    use pirouette::measure::{MeasureInput, measure};
+    use pirouette::scan::Subject;
     use pirouette_body::Sex;
     use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
@@ -317,20 +317,12 @@ mod tests {
     fn measured(stature_mm: Option<f64>) -> Measurements {
         let avatar = mannequin(&MannequinParameters::default()).unwrap();
         measure(&MeasureInput {
-            body: &avatar.mesh,
-            avatar: &avatar,
-            source: BodySource::Fitted,
-            views: &[],
             stature_mm,
-            stature_from: StatureFrom::Stated,
             subject: Subject {
                 sex: Some(Sex::Female),
                 ..Subject::default()
             },
-            given_masks: 1.0,
-            detected_keypoints: 0.0,
-            estimated_keypoints: 0.0,
-            extra_sd: pirouette::measure::ExtraSd::default(),
+            ..MeasureInput::of_avatar(&avatar)
         })
     }
 

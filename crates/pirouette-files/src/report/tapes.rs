@@ -251,25 +251,15 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use pirouette::measure::{BodySource, MeasureInput, measure};
-    use pirouette::scan::{StatureFrom, Subject};
+    use pirouette::measure::{MeasureInput, measure};
     use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
     #[test]
     fn tapes_are_drawn_and_labeled_in_both_pictures() {
         let avatar = mannequin(&MannequinParameters::default()).unwrap();
         let all = measure(&MeasureInput {
-            body: &avatar.mesh,
-            avatar: &avatar,
-            source: BodySource::Fitted,
-            views: &[],
             stature_mm: Some(1700.0),
-            stature_from: StatureFrom::Stated,
-            subject: Subject::default(),
-            given_masks: 1.0,
-            detected_keypoints: 0.0,
-            estimated_keypoints: 0.0,
-            extra_sd: pirouette::measure::ExtraSd::default(),
+            ..MeasureInput::of_avatar(&avatar)
         });
         let sheet = tape_sheet(
             &avatar.mesh,
@@ -332,16 +322,8 @@ mod tests {
         let avatar = mannequin(&MannequinParameters::default()).unwrap();
         let all = measure(&MeasureInput {
             body: &TriMesh::default(),
-            avatar: &avatar,
-            source: BodySource::Fitted,
-            views: &[],
             stature_mm: None,
-            stature_from: StatureFrom::Stated,
-            subject: Subject::default(),
-            given_masks: 1.0,
-            detected_keypoints: 0.0,
-            estimated_keypoints: 0.0,
-            extra_sd: pirouette::measure::ExtraSd::default(),
+            ..MeasureInput::of_avatar(&avatar)
         });
         let sheet = tape_sheet(&TriMesh::default(), &SilhouetteMesh::new(&[]), &all);
         assert!(sheet.as_slice().iter().all(|p| *p == [250; 3]));

@@ -54,6 +54,13 @@ pub(super) struct Equations {
 }
 
 impl Equations {
+    fn zero() -> Self {
+        Self {
+            matrix: [[0.0; ALL]; ALL],
+            right: [0.0; ALL],
+        }
+    }
+
     /// Adds a residual with gradient `row` over the parameters `active`, ascending
     fn add(&mut self, active: &[usize], row: &[f64; ALL], residual: f64, weight: f64) {
         for (i, &a) in active.iter().enumerate() {
@@ -94,10 +101,7 @@ pub(super) fn equations(
     let frame = body.reshape_frame(view.stature_mm);
     let posed = posed_bones(body, view, pose, shared);
     let motions: [Motion; POSE] = std::array::from_fn(|parameter| posed.motion(parameter));
-    let mut equations = Equations {
-        matrix: [[0.0; ALL]; ALL],
-        right: [0.0; ALL],
-    };
+    let mut equations = Equations::zero();
     let mut row = [0.0; ALL];
     let mut active = Vec::with_capacity(ALL);
     for m in matches {
@@ -154,10 +158,7 @@ pub(super) fn step_to_surface(
     robust_mm: f64,
 ) -> Option<Pose> {
     let motions: [Motion; POSE] = std::array::from_fn(|parameter| posed.motion(parameter));
-    let mut equations = Equations {
-        matrix: [[0.0; ALL]; ALL],
-        right: [0.0; ALL],
-    };
+    let mut equations = Equations::zero();
     let mut row = [0.0; ALL];
     let mut active = Vec::with_capacity(ALL);
     for m in matches {

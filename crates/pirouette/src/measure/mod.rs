@@ -110,7 +110,24 @@ impl ExtraSd {
     }
 }
 
-impl MeasureInput<'_> {
+impl<'a> MeasureInput<'a> {
+    /// Creates the input to measure an avatar on its own surface, without silhouettes, at its stature
+    pub fn of_avatar(avatar: &'a Avatar) -> Self {
+        Self {
+            body: &avatar.mesh,
+            avatar,
+            source: BodySource::Fitted,
+            views: &[],
+            stature_mm: Some(avatar.stature_mm()),
+            stature_from: StatureFrom::Stated,
+            subject: Subject::default(),
+            given_masks: 1.0,
+            detected_keypoints: 0.0,
+            estimated_keypoints: 0.0,
+            extra_sd: ExtraSd::default(),
+        }
+    }
+
     /// Returns whether the body was fitted to a mesh: then only what joints determine is as uncertain as they are
     fn surface_is_known(&self) -> bool {
         self.stature_from == StatureFrom::Mesh

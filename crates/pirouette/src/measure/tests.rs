@@ -379,17 +379,9 @@ fn input_of<'a>(
     source: BodySource,
 ) -> MeasureInput<'a> {
     MeasureInput {
-        body: &avatar.mesh,
-        avatar,
         source,
         views,
-        stature_mm: Some(avatar.stature_mm()),
-        stature_from: StatureFrom::Stated,
-        subject: Subject::default(),
-        given_masks: 1.0,
-        detected_keypoints: 0.0,
-        estimated_keypoints: 0.0,
-        extra_sd: ExtraSd::default(),
+        ..MeasureInput::of_avatar(avatar)
     }
 }
 
@@ -521,16 +513,10 @@ fn unavailable_measures_carry_the_reason() {
     };
     let all = measure(&MeasureInput {
         body: &TriMesh::default(),
-        avatar: &avatar,
         source: BodySource::Hull,
         views: &[view],
         stature_mm: None,
-        stature_from: StatureFrom::Stated,
-        subject: Subject::default(),
-        given_masks: 1.0,
-        detected_keypoints: 0.0,
-        estimated_keypoints: 0.0,
-        extra_sd: ExtraSd::default(),
+        ..MeasureInput::of_avatar(&avatar)
     });
     let order: Vec<Measure> = all.iter().map(|(measure, _)| measure).collect();
     assert_eq!(order, Measure::ALL);

@@ -24,7 +24,7 @@ pub use orient::{AxisDirection, MeshUnit};
 #[non_exhaustive]
 pub enum MeshScanError {
     /// No surface
-    #[error("the mesh has no surface")]
+    #[error("the mesh has no surface, or no height")]
     Empty,
     /// No axis is upright
     #[error("the up axis of the mesh cannot be determined; give it with --up, for example --up z")]
@@ -34,6 +34,11 @@ pub enum MeshScanError {
         "the front of the mesh cannot be determined; give it with --front, for example --front -y"
     )]
     FrontUnknown,
+    /// The given front is where the heels are
+    #[error(
+        "the feet of the mesh point away from --front; leave it out, or give the opposite axis"
+    )]
+    FrontContradicted,
     /// No person has this height in any unit
     #[error(
         "the mesh is {height:.3} units high, which is no person in mm, cm, m or inch; give the unit with --unit"

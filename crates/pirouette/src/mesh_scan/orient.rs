@@ -29,7 +29,7 @@ impl MeshUnit {
         }
     }
 
-    /// Returns the unit in which a person has this height; `None` if nobody has
+    /// Returns the unit in which this is the height of a person; `None` if there is no such unit
     fn of_height(height: f64) -> Option<Self> {
         match height {
             0.5..2.6 => Some(MeshUnit::Meter),
@@ -94,6 +94,9 @@ const ANKLE_BAND: [f64; 2] = [0.05, 0.09];
 /// Distance of the toes' middle before that of the ankles, relative to the height: 0.02 to 0.03 on people
 const MIN_TOES_AHEAD: f64 = 0.006;
 
+/// Cosine of the angle below which a given front is contradicted by the feet
+const AWAY: f64 = -0.5;
+
 /// Returns the mesh in the world frame, in mm: upright, facing +z, on the floor, the trunk above the origin
 ///
 /// Trunk and arms have more surface than the legs, which determines the up axis; toes point to the front.
@@ -118,11 +121,14 @@ pub(super) fn upright(
     if !(500.0..2600.0).contains(&height_mm) {
         return Err(MeshScanError::Height { height_mm });
     }
-    let front = match front {
-        Some(front) => front.vector(),
-        None => pieces
-            .front(&heights, up)
-            .ok_or(MeshScanError::FrontUnknown)?,
+    let found = pieces.front(&heights, up);
+    let front = match (front.map(AxisDirection::vector), found) {
+        // The silhouettes of a person from behind would be fitted, too.
+        (Some(front), Some(found)) if found.dot(front) < AWAY => {
+            return Err(MeshScanError::FrontContradicted);
+        }
+        (Some(front), _) => front,
+        (None, found) => found.ok_or(MeshScanError::FrontUnknown)?,
     };
     // Both are unit vectors, so this is near 1 unless they are the same axis.
     let right = up.cross(front);

@@ -68,6 +68,8 @@ fn given_axes_and_units_replace_those_found() {
     assert!(high.z - low.z > 2.0 * (high.x - low.x), "{low} {high}");
     let wrong = upright(&mesh, Some(MeshUnit::Inch), up, front);
     assert!(matches!(wrong, Err(MeshScanError::Height { height_mm }) if height_mm < 50.0));
+    let behind = upright(&mesh, None, up, Some(AxisDirection::NegZ));
+    assert_eq!(behind, Err(MeshScanError::FrontContradicted));
     let aside = upright(&mesh, None, up, Some(AxisDirection::NegY));
     assert_eq!(aside, Err(MeshScanError::FrontUnknown));
 }
