@@ -223,7 +223,7 @@ fn write_truth(
 /// Formats estimated and true measurements side by side
 fn table(out: &Path, truth: &[(Measure, f64)], measured: Option<&Measurements>) -> String {
     let mut text = format!(
-        "{}: a rendered person, scanned\n{:<16}{:>9}{:>9}{:>8}",
+        "{}: a rendered person, scanned\n{:<24}{:>9}{:>9}{:>8}",
         out.display(),
         "mm",
         "found",
@@ -237,10 +237,10 @@ fn table(out: &Path, truth: &[(Measure, f64)], measured: Option<&Measurements>) 
         let _ = match found {
             Some(found) => write!(
                 text,
-                "\n{name:<16}{found:>9.0}{true_mm:>9.0}{:>+7.1}%",
+                "\n{name:<24}{found:>9.0}{true_mm:>9.0}{:>+7.1}%",
                 100.0 * (found / true_mm - 1.0)
             ),
-            None => write!(text, "\n{name:<16}{:>9}{true_mm:>9.0}", "-"),
+            None => write!(text, "\n{name:<24}{:>9}{true_mm:>9.0}", "-"),
         };
     }
     text

@@ -206,13 +206,13 @@ fn summary(done: &FinishedJob, out: &Path, charts: &[Chart]) -> String {
                 Err(why) => format!("     -    {why}"),
             };
             text.push_str(&format!(
-                "\n{:<18}{value}",
+                "\n{:<24}{value}",
                 measure.name().replace('_', " ")
             ));
         }
         if let Some(mass) = &measurements.mass {
             text.push_str(&format!(
-                "\n{:<18}{:6.1} l\n{:<18}{:6.1} kg ± {:.1}",
+                "\n{:<24}{:6.1} l\n{:<24}{:6.1} kg ± {:.1}",
                 "volume", mass.volume_l, "body mass", mass.mass_kg, mass.mass_sd_kg
             ));
         }

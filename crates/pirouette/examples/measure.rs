@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     })?;
     for (measure, value_mm) in measure_avatar(&body) {
         println!(
-            "{value_mm:7.1} mm  {:<16}  {}",
+            "{value_mm:7.1} mm  {:<24}  {}",
             measure.name(),
             measure.definition()
         );
