@@ -158,6 +158,7 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
         detected_keypoints: 0.0,
         estimated_keypoints: 0.0,
         extra_sd: pirouette::measure::ExtraSd::default(),
+        surface: pirouette::measure::Surface::Clothed,
     };
     c.bench_function("measure", |b| b.iter(|| measure(&input)));
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Error, Result};
+use pirouette::measure::Method::BelowClothes;
 use pirouette::pipeline;
 use pirouette::pipeline::{AvatarSource, CancelToken, Config, Goal};
 use pirouette::sizes::{Advice, Chart, advise_person};
@@ -16,7 +17,7 @@ use pirouette_files::source::Source;
 use pirouette_files::video::VideoOptions;
 use serde_json::{Value, json};
 
-use crate::args::{Angles, KeypointInput, Method, MethodArgs, ScanArgs};
+use crate::args::{Angles, KeypointInput, Looseness, Method, MethodArgs, ScanArgs};
 use crate::models_command::pose_model;
 use crate::open::open_scan;
 use crate::output::Output;
@@ -149,6 +150,8 @@ pub fn config(args: &MethodArgs, goal: Goal) -> Result<Config> {
     config.register = (config.register || args.register) && !args.no_register;
     config.refine = (config.refine || args.refine) && !args.no_refine;
     config.hull = args.hull;
+    config.clothes = args.clothes.map(Looseness::statement);
+    config.surface = args.surface.of_config();
     if let Some(file) = &args.avatar {
         let bytes = std::fs::read(file)
             .with_context(|| format!("cannot read the avatar {}", file.display()))?;
@@ -205,8 +208,12 @@ fn summary(done: &FinishedJob, out: &Path, charts: &[Chart]) -> String {
                 },
                 Err(why) => format!("     -    {why}"),
             };
+            let seen = measured.pixels.filter(|_| measured.method == BelowClothes);
+            let seen = seen.map_or(String::new(), |seen| {
+                format!("   below clothes; seen {:.0} mm", seen.value_mm)
+            });
             text.push_str(&format!(
-                "\n{:<24}{value}",
+                "\n{:<24}{value}{seen}",
                 measure.name().replace('_', " ")
             ));
         }

@@ -5,6 +5,8 @@ use pirouette_geom::{Grid, Mask, TriMesh};
 use pirouette_body::{Keypoints, ReferencePose, Sex, TurnAngle};
 use pirouette_segment::seeds::LogOdds;
 
+use crate::measure::Statement;
+
 /// RGB pixels as given, after applying the EXIF orientation
 pub type Photo = Grid<[u8; 3]>;
 
@@ -84,6 +86,8 @@ pub struct Subject {
     pub age_years: Option<f64>,
     /// Standard deviation of the stated stature, in mm; if `None`, that of statures as people remember them
     pub stature_sd_mm: Option<f64>,
+    /// Clothes that the person wears
+    pub clothes: Option<Statement>,
 }
 
 /// Known camera parameters; the others are estimated

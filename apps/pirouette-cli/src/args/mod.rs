@@ -24,7 +24,7 @@ pub use eval::{
 };
 pub use keypoints::KeypointsArgs;
 pub use models::{ModelsAction, ModelsArgs};
-pub use scan::{Angles, KeypointInput, MeasureArgs, Method, MethodArgs, ScanArgs};
+pub use scan::{Angles, KeypointInput, Looseness, MeasureArgs, Method, MethodArgs, ScanArgs};
 pub use size::SizeArgs;
 
 /// Silhouettes, a 3D body and tape measurements from photos of a turning person

@@ -10,6 +10,7 @@ use thiserror::Error;
 
 use super::json::{JsonError, to_strict};
 use crate::source::stays_inside;
+use pirouette::measure::{Looseness, Statement};
 use pirouette::scan::{CameraSetup, Subject};
 use pirouette_body::{ReferencePose, Sex};
 use pirouette_pose::Region;
@@ -207,6 +208,51 @@ struct SubjectFile {
     sex: Option<SexName>,
     mass_kg: Option<f64>,
     age_years: Option<f64>,
+    clothes: Option<ClothesFile>,
+}
+
+/// One looseness for all clothes, or one each for those above and below the waist
+#[derive(Deserialize, Clone, Copy)]
+#[serde(
+    untagged,
+    expecting = "clothes are \"tight\", \"normal\" or \"loose\", or { \"top\": \"loose\", \"bottom\": \"tight\" }"
+)]
+enum ClothesFile {
+    All(LoosenessName),
+    Parts {
+        top: LoosenessName,
+        bottom: LoosenessName,
+    },
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(rename_all = "lowercase")]
+enum LoosenessName {
+    Tight,
+    Normal,
+    Loose,
+}
+
+impl LoosenessName {
+    fn looseness(self) -> Looseness {
+        match self {
+            LoosenessName::Tight => Looseness::Tight,
+            LoosenessName::Normal => Looseness::Normal,
+            LoosenessName::Loose => Looseness::Loose,
+        }
+    }
+}
+
+impl ClothesFile {
+    fn statement(self) -> Statement {
+        match self {
+            ClothesFile::All(looseness) => Statement::all(looseness.looseness()),
+            ClothesFile::Parts { top, bottom } => Statement {
+                top: top.looseness(),
+                bottom: bottom.looseness(),
+            },
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -258,6 +304,7 @@ pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
             stature_sd_mm: within(subject.stature_sd_mm, STATURE_SD_MM, || {
                 "subject.stature_sd_mm".into()
             })?,
+            clothes: subject.clothes.map(ClothesFile::statement),
         },
         camera: CameraSetup {
             vertical_fov_radians: within(camera.vertical_fov_deg, VERTICAL_FOV_DEG, || {
@@ -394,6 +441,29 @@ mod tests {
         assert_eq!(stem(&view.image), "000");
         assert_eq!(view.angle_deg, Some(Some(45.0)));
         assert_eq!(view.mask.as_deref(), Some("m.png"));
+    }
+
+    #[test]
+    fn clothes_are_one_looseness_or_one_above_and_one_below() {
+        let clothes = |json: &str| {
+            let file = format!(r#"{{ "subject": {{ "clothes": {json} }} }}"#);
+            parse_manifest(file.as_bytes()).map(|manifest| manifest.subject.clothes)
+        };
+        let all = Statement::all(Looseness::Loose);
+        assert_eq!(clothes(r#""loose""#).unwrap(), Some(all));
+        let parts = Statement {
+            top: Looseness::Normal,
+            bottom: Looseness::Tight,
+        };
+        let json = r#"{ "top": "normal", "bottom": "tight" }"#;
+        assert_eq!(clothes(json).unwrap(), Some(parts));
+        for wrong in [r#""baggy""#, "3", r#"{ "top": "loose" }"#] {
+            let message = clothes(wrong).unwrap_err().to_string();
+            assert!(
+                message.contains(r#""tight", "normal" or "loose""#),
+                "{message}"
+            );
+        }
     }
 
     #[test]

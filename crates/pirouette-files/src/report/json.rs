@@ -1,6 +1,8 @@
 //! The content of `measurements.json`.
 
-use pirouette::measure::{BodyMass, Estimate, LengthUnit, Measure, Measured, Measurements};
+use pirouette::measure::{
+    BodyMass, Clothes, Estimate, LengthUnit, Measure, Measured, Measurements, Statement,
+};
 use pirouette::scan::{StatureFrom, Subject};
 use pirouette::sizes::Advice;
 use serde_json::{Map, Value, json};
@@ -43,6 +45,7 @@ pub fn measurements_json(measurements: &Measurements, advice: &[Advice]) -> Valu
         mass_kg,
         age_years,
         stature_sd_mm,
+        clothes,
     } = measurements.subject;
     if measurements.subject != Subject::default() {
         file["subject"] = json!({
@@ -53,12 +56,32 @@ pub fn measurements_json(measurements: &Measurements, advice: &[Advice]) -> Valu
         if let Some(sd_mm) = stature_sd_mm {
             file["subject"]["stature_sd_mm"] = json!(sd_mm);
         }
+        if let Some(Statement { top, bottom }) = clothes {
+            file["subject"]["clothes"] = json!({ "top": top, "bottom": bottom });
+        }
+    }
+    if let Some(clothes) = &measurements.clothes {
+        file["clothes"] = clothes_json(clothes);
     }
     if !advice.is_empty() {
         file["sizes"] = json!(advice);
     }
     file["details"] = Value::Object(details);
     file
+}
+
+/// Returns how loosely each part is covered, and with which probability
+fn clothes_json(clothes: &Clothes) -> Value {
+    let hundredths = |probability: f64| (100.0 * probability).round() / 100.0;
+    let parts = clothes.coverings.iter().map(|covering| {
+        let value = json!({
+            "looseness": covering.looseness,
+            "probability": hundredths(covering.probability),
+            "covered": hundredths(covering.covered),
+        });
+        (covering.part.name().to_owned(), value)
+    });
+    Value::Object(parts.collect())
 }
 
 /// Returns the details of one measure

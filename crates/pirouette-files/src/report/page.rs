@@ -251,6 +251,7 @@ fn method_text(method: Method) -> &'static str {
         Method::Given => "given",
         Method::Scale => "the scale",
         Method::WithStatistics => "photos and statistics of a survey",
+        Method::BelowClothes => "below clothes or hair, by statistics of a survey",
         Method::SupportLines => "outlines of several views",
         Method::BodyTape => "section of the body",
         Method::Combined => "outlines and section of the body",

@@ -33,6 +33,16 @@ pub struct BodyMass {
 const CONTRADICTION: f64 = 0.11;
 
 impl BodyMass {
+    /// Replaces volume and mass, which are those with clothes, by those of a body of a given build: mean and standard
+    /// deviation of the square root of mass in kg over stature in m
+    pub(super) fn set_build(&mut self, build: [f64; 2], stature_mm: f64) {
+        let [mean, sd] = build;
+        self.mass_kg = mean * mean * stature_mm / 1000.0;
+        self.mass_sd_kg = 2.0 * sd / mean * self.mass_kg;
+        self.volume_l = self.mass_kg / DENSITY_KG_PER_L;
+        self.volume_sd_l = (2.0 * sd / mean).hypot(DENSITY_SD) * self.volume_l;
+    }
+
     /// Returns the relative error of lengths that explains the difference from the given mass; 0 if the difference is
     /// plausible
     ///

@@ -8,6 +8,7 @@
 //! # Source
 //! ISO 8559-1:2017. The definition of each measure is given by [`Measure::definition`]; some differ from the standard.
 
+mod clothes;
 mod girths;
 mod landmarks;
 mod lengths;
@@ -23,6 +24,7 @@ use pirouette_geom::TriMesh;
 use pirouette_geom::parallel::prelude::*;
 
 use crate::scan::{StatureFrom, Subject};
+pub use clothes::{Clothes, Covering, Looseness, Part, Statement, Surface};
 use marked_avatar::MarkedAvatar;
 pub use marked_avatar::measure_avatar;
 pub use mass::BodyMass;
@@ -80,6 +82,8 @@ pub struct MeasureInput<'a> {
     pub estimated_keypoints: f64,
     /// Additional standard deviation of this scan
     pub extra_sd: ExtraSd,
+    /// The surface whose measures are wanted
+    pub surface: Surface,
 }
 
 /// Standard deviation in addition to that of a usual scan
@@ -125,6 +129,7 @@ impl<'a> MeasureInput<'a> {
             detected_keypoints: 0.0,
             estimated_keypoints: 0.0,
             extra_sd: ExtraSd::default(),
+            surface: Surface::Clothed,
         }
     }
 
@@ -196,7 +201,7 @@ pub fn measure(input: &MeasureInput) -> Measurements {
     let (views, marked) = pirouette_geom::parallel::join(see_views, || MarkedAvatar::new(avatar));
     let scale_sd = lengths::scale_sd(input);
     let hidden_crotch = lengths::hidden_crotch(&marked);
-    let mass = mass::estimate_mass(input, scale_sd);
+    let mut mass = mass::estimate_mass(input, scale_sd);
     let contradiction = mass.as_ref().map_or(0.0, BodyMass::contradiction);
     let values = Measure::ALL.into_par_iter().map(|measure| {
         let measured = match measure {
@@ -228,7 +233,8 @@ pub fn measure(input: &MeasureInput) -> Measurements {
             (measure, prior::support(input, measure, measured))
         }
     });
-    let values: Vec<(Measure, Measured)> = values.collect();
+    let mut values: Vec<(Measure, Measured)> = values.collect();
+    let clothes = clothes::look_below(input, &mut values, &mut mass);
     let height = values.iter().find(|(m, _)| *m == Measure::Stature);
     let height_mm = height.and_then(|(_, found)| found.value_mm.ok());
     Measurements {
@@ -237,6 +243,7 @@ pub fn measure(input: &MeasureInput) -> Measurements {
         values,
         subject: input.subject,
         mass,
+        clothes,
         tapes: marked.tape_curves(),
     }
 }

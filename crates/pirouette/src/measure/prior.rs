@@ -1,7 +1,7 @@
 //! Survey statistics of people of a sex, stature and mass, where the person gave these.
 //!
 //! Regressions on ANSUR II ([`pirouette_body::survey`]) provide an additional estimate next to the one from pixels,
-//! which is always reported, too. The regressions do not include age: it is stored with the results, but has no effect.
+//! which is always reported, too. The survey is of adults: it is not used for children ([`holds_for`]).
 //!
 //! # Source
 //! Gordon et al. 2014, *2012 Anthropometric Survey of U.S. Army Personnel: Methods and Summary Statistics*,
@@ -9,16 +9,16 @@
 
 use super::{Estimate, Measure, MeasureInput, Measured, Method};
 use pirouette_body::Sex;
-use pirouette_body::survey::Regression;
+use pirouette_body::survey::{Regression, holds_for};
 
 /// Standard deviation due to differing tape positions and a sample of soldiers, as a share
 const DEFINITION_SD: f64 = 0.02;
 
 /// Ratio of the girth of a relaxed upper arm to that of a flexed one, which the survey measured
-const RELAXED_OVER_FLEXED: f64 = 0.945;
+pub(super) const RELAXED_OVER_FLEXED: f64 = 0.945;
 
 /// Returns the survey's dimension for a measure and the factor on it; the survey's waist is defined elsewhere
-fn dimension(measure: Measure) -> Option<(&'static str, f64)> {
+pub(super) fn dimension(measure: Measure) -> Option<(&'static str, f64)> {
     Some(match measure {
         Measure::NeckGirth => ("neck_girth", 1.0),
         Measure::BustGirth => ("chest_girth", 1.0),
@@ -59,6 +59,9 @@ pub(super) fn support(input: &MeasureInput, measure: Measure, measured: Measured
     else {
         return measured;
     };
+    if !holds_for(stature_mm, subject.age_years) {
+        return measured;
+    }
     let (Some(prior), Ok(value_mm), Some(sd_mm)) = (
         expect(measure, sex, stature_mm, mass_kg),
         measured.value_mm,

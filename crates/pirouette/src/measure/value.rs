@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{BodyMass, Girth, Measure};
+use super::{BodyMass, Clothes, Girth, Measure};
 use crate::scan::{StatureFrom, Subject};
 
 /// Method by which a value was determined
@@ -27,6 +27,8 @@ pub enum Method {
     Avatar,
     /// From pixels, combined with the statistics of a survey
     WithStatistics,
+    /// Of the body below clothes or hair, from the statistics of a survey and all that is seen
+    BelowClothes,
 }
 
 /// Why a value is missing
@@ -131,7 +133,7 @@ pub struct Measured {
     pub body: Option<Estimate>,
     /// Whether these two differ by more than their uncertainties allow
     pub contradicted: bool,
-    /// Estimate from pixels alone, where statistics support the value
+    /// Estimate from pixels alone, where statistics support the value, or of what covers the body
     pub pixels: Option<Estimate>,
     /// Expectation of the survey for people of this sex, stature and mass
     pub prior: Option<Estimate>,
@@ -154,6 +156,14 @@ impl Measured {
             pixels: None,
             prior: None,
         }
+    }
+
+    /// Returns the value with its standard deviation, if both are known
+    pub fn estimate(&self) -> Option<Estimate> {
+        Some(Estimate {
+            value_mm: self.value_mm.ok()?,
+            sd_mm: self.sd_mm?,
+        })
     }
 
     /// Adds an independent standard deviation, a function of the value
@@ -219,6 +229,8 @@ pub struct Measurements {
     pub subject: Subject,
     /// Volume and body mass, if there is a body and a scale
     pub mass: Option<BodyMass>,
+    /// What the person wears, where the survey holds and the measures of the body are wanted
+    pub clothes: Option<Clothes>,
     /// Positions of the tapes: closed curves, world frame, mm
     pub tapes: Vec<(Girth, Vec<DVec3>)>,
 }

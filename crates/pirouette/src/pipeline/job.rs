@@ -10,7 +10,7 @@ use pirouette_geom::parallel::prelude::*;
 
 use crate::carve::{CarveOptions, carve, carve_beside_avatar};
 use crate::color::{ColorOptions, ColorView, color_surface};
-use crate::measure::{BodySource, MeasureInput, measure};
+use crate::measure::{BodySource, Covering, MeasureInput, measure};
 use crate::normalize::{NormalizeError, NormalizedView};
 use crate::pipeline::stages::{
     Normalizer, carve_views, make_avatar, measure_views, normalized_outlines,
@@ -21,7 +21,7 @@ use crate::pipeline::warning::{self, Warning};
 use crate::pipeline::{
     CancelToken, Config, DropReason, DroppedView, Event, Goal, Method, PipelineError, Report, Stage,
 };
-use crate::scan::{KeypointKind, KeypointSource, Scan, View};
+use crate::scan::{KeypointKind, KeypointSource, Scan, Subject, View};
 use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
 use crate::skeleton_fit::{KeypointView, Skeleton, SkeletonFitOptions, SkeletonView, fit_skeleton};
 use crate::view::{SolvedView, ViewId};
@@ -371,6 +371,11 @@ impl<'a> Job<'a> {
         let detected_keypoints = share_of(&|view| view.keypoint_kind == KeypointKind::MediaPipe);
         let estimated_keypoints = share_of(&|view| view.keypoints_from == KeypointSource::Estimate);
         let doubts = Doubts::of(scan, report);
+        let surface = self.config.surface;
+        let subject = Subject {
+            clothes: self.config.clothes.or(scan.subject.clothes),
+            ..scan.subject
+        };
         let found = self.stage(Stage::Measure, 1, |_| {
             let outlines = match source {
                 // The fitted surface is more accurate than outlines of it.
@@ -385,11 +390,12 @@ impl<'a> Job<'a> {
                 views: &measure_views(views, &outlines),
                 stature_mm: scan.stature_mm,
                 stature_from: scan.stature_from,
-                subject: scan.subject,
+                subject,
                 given_masks: share_of(&|view| view.mask.is_some()),
                 detected_keypoints,
                 estimated_keypoints,
                 extra_sd: doubts.extra_sd(),
+                surface,
             })
         })?;
         if detected_keypoints > 0.0 {
@@ -407,6 +413,12 @@ impl<'a> Job<'a> {
         {
             let mass_kg = mass.mass_kg;
             self.warn(Warning::MassContradicted { stated_kg, mass_kg });
+        }
+        if let Some(clothes) = &found.clothes {
+            let covered = clothes.covered().copied().collect::<Vec<Covering>>();
+            if !covered.is_empty() {
+                self.warn(Warning::Covered { parts: covered });
+            }
         }
         for (measure, measured) in found.iter() {
             if let (true, Some(lines), Some(body)) =

@@ -17,6 +17,7 @@ use thiserror::Error;
 use crate::body_fit::BodyFitOptions;
 use crate::carve::CarveError;
 use crate::initial_body::InitialBodyError;
+use crate::measure::{Statement, Surface};
 use crate::scan::Scan;
 use crate::segment::SegmentOptions;
 use crate::skeleton_fit::SkeletonFitError;
@@ -106,6 +107,10 @@ pub struct Config {
     pub refine: bool,
     /// Whether to carve the visual hull in addition to the fitted body
     pub hull: bool,
+    /// The surface whose measures are reported
+    pub surface: Surface,
+    /// Clothes that the person wears, instead of those that the scan states
+    pub clothes: Option<Statement>,
     /// Options of the segmentation; photos of several cameras are always segmented separately
     pub segment: SegmentOptions,
     /// Options of the body fit
@@ -126,6 +131,8 @@ impl Config {
             register: published,
             refine: published,
             hull: false,
+            surface: Surface::default(),
+            clothes: None,
             segment: SegmentOptions::default(),
             fit: BodyFitOptions::default(),
         }

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use crate::measure::Measure;
+use crate::measure::{Covering, Measure};
 use crate::normalize::NormalizeWarning;
 use crate::pipeline::{DropReason, Stage};
 use crate::scan::Scan;
@@ -98,6 +98,13 @@ pub enum Warning {
          check subject.stature_mm and subject.mass_kg"
     )]
     MassContradicted { stated_kg: f64, mass_kg: f64 },
+    #[error(
+        "clothes, hair or shoes probably cover {}: measures there are those of the body below as far as the rest shows it, with \
+         larger standard deviations; wear tight clothes, tie up long hair, or give subject.clothes; --surface clothed \
+         measures what is seen",
+        list_parts(parts)
+    )]
+    Covered { parts: Vec<Covering> },
     #[error("view {view}: {warning}")]
     Normalize {
         view: String,
@@ -136,6 +143,15 @@ fn list(views: &[TurnChange]) -> String {
     changes.collect::<Vec<String>>().join(", ")
 }
 
+/// Lists covered parts with their probabilities
+fn list_parts(parts: &[Covering]) -> String {
+    let parts = parts.iter().map(|covering| {
+        let percent = 100.0 * covering.covered;
+        format!("the {} ({percent:.0} %)", covering.part.name())
+    });
+    parts.collect::<Vec<String>>().join(", ")
+}
+
 impl Warning {
     /// Returns the view concerned, if the warning concerns a single view
     pub fn view(&self) -> Option<&str> {
@@ -160,6 +176,7 @@ impl Warning {
             | Warning::OtherHeights { .. }
             | Warning::ArmsCutOff { .. }
             | Warning::MassContradicted { .. }
+            | Warning::Covered { .. }
             | Warning::TapesDiffer { .. } => None,
         }
     }
@@ -200,6 +217,7 @@ impl Warning {
             Warning::OtherHeights { .. } => "other_heights",
             Warning::ArmsCutOff { .. } => "arms_cut_off",
             Warning::MassContradicted { .. } => "mass_contradicted",
+            Warning::Covered { .. } => "covered",
             Warning::TapesDiffer { .. } => "tapes_differ",
             Warning::Normalize { warning, .. } => match warning {
                 NormalizeWarning::NoHandles => "no_handles",
