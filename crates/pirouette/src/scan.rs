@@ -5,8 +5,6 @@ use pirouette_geom::{Grid, Mask, TriMesh};
 use pirouette_body::{Keypoints, ReferencePose, Sex, TurnAngle};
 use pirouette_segment::seeds::LogOdds;
 
-use crate::measure::Statement;
-
 /// RGB pixels as given, after applying the EXIF orientation
 pub type Photo = Grid<[u8; 3]>;
 
@@ -87,7 +85,62 @@ pub struct Subject {
     /// Standard deviation of the stated stature, in mm; if `None`, that of statures as people remember them
     pub stature_sd_mm: Option<f64>,
     /// Clothes that the person wears
-    pub clothes: Option<Statement>,
+    pub clothes: Option<StatedClothes>,
+}
+
+/// How loosely a part is covered
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Looseness {
+    /// Bare, or in clothes that lie on the skin
+    Tight,
+    /// In clothes with the usual ease: shirts, trousers
+    Normal,
+    /// In clothes that hang, skirts, hair, shoes
+    Loose,
+}
+
+impl Looseness {
+    /// All kinds, in the order of their discriminants
+    pub const ALL: [Looseness; 3] = [Looseness::Tight, Looseness::Normal, Looseness::Loose];
+
+    /// Returns the name used in files
+    pub fn name(self) -> &'static str {
+        match self {
+            Looseness::Tight => "tight",
+            Looseness::Normal => "normal",
+            Looseness::Loose => "loose",
+        }
+    }
+
+    /// Returns the looseness of a name
+    pub fn of_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
+/// Clothes that a person states to wear
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct StatedClothes {
+    /// On trunk and upper arms
+    pub top: Looseness,
+    /// On hips and legs
+    pub bottom: Looseness,
+}
+
+impl StatedClothes {
+    /// Returns one looseness for all clothes
+    pub fn all(looseness: Looseness) -> Self {
+        Self {
+            top: looseness,
+            bottom: looseness,
+        }
+    }
+
+    /// Returns whether all clothes are tight
+    pub fn is_tight(self) -> bool {
+        self == Self::all(Looseness::Tight)
+    }
 }
 
 /// Known camera parameters; the others are estimated

@@ -7,6 +7,7 @@ use std::str::FromStr;
 use clap::{Args, ValueEnum};
 use pirouette::measure;
 use pirouette::mesh_scan::{AxisDirection, MeshUnit};
+use pirouette::scan;
 use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
 use pirouette_files::job;
@@ -216,11 +217,11 @@ pub enum Looseness {
 
 impl Looseness {
     /// Returns the corresponding statement of the library
-    pub fn statement(self) -> measure::Statement {
-        measure::Statement::all(match self {
-            Looseness::Tight => measure::Looseness::Tight,
-            Looseness::Normal => measure::Looseness::Normal,
-            Looseness::Loose => measure::Looseness::Loose,
+    pub fn statement(self) -> scan::StatedClothes {
+        scan::StatedClothes::all(match self {
+            Looseness::Tight => scan::Looseness::Tight,
+            Looseness::Normal => scan::Looseness::Normal,
+            Looseness::Loose => scan::Looseness::Loose,
         })
     }
 }

@@ -10,8 +10,7 @@ use thiserror::Error;
 
 use super::json::{JsonError, to_strict};
 use crate::source::stays_inside;
-use pirouette::measure::{Looseness, Statement};
-use pirouette::scan::{CameraSetup, Subject};
+use pirouette::scan::{CameraSetup, Looseness, StatedClothes, Subject};
 use pirouette_body::{ReferencePose, Sex};
 use pirouette_pose::Region;
 
@@ -244,10 +243,10 @@ impl LoosenessName {
 }
 
 impl ClothesFile {
-    fn statement(self) -> Statement {
+    fn statement(self) -> StatedClothes {
         match self {
-            ClothesFile::All(looseness) => Statement::all(looseness.looseness()),
-            ClothesFile::Parts { top, bottom } => Statement {
+            ClothesFile::All(looseness) => StatedClothes::all(looseness.looseness()),
+            ClothesFile::Parts { top, bottom } => StatedClothes {
                 top: top.looseness(),
                 bottom: bottom.looseness(),
             },
@@ -449,9 +448,9 @@ mod tests {
             let file = format!(r#"{{ "subject": {{ "clothes": {json} }} }}"#);
             parse_manifest(file.as_bytes()).map(|manifest| manifest.subject.clothes)
         };
-        let all = Statement::all(Looseness::Loose);
+        let all = StatedClothes::all(Looseness::Loose);
         assert_eq!(clothes(r#""loose""#).unwrap(), Some(all));
-        let parts = Statement {
+        let parts = StatedClothes {
             top: Looseness::Normal,
             bottom: Looseness::Tight,
         };

@@ -1,9 +1,9 @@
 //! The content of `measurements.json`.
 
 use pirouette::measure::{
-    BodyMass, Clothes, Estimate, LengthUnit, Measure, Measured, Measurements, Statement,
+    BodyMass, Clothes, Estimate, LengthUnit, Measure, Measured, Measurements,
 };
-use pirouette::scan::{StatureFrom, Subject};
+use pirouette::scan::{StatedClothes, StatureFrom, Subject};
 use pirouette::sizes::Advice;
 use serde_json::{Map, Value, json};
 
@@ -56,7 +56,7 @@ pub fn measurements_json(measurements: &Measurements, advice: &[Advice]) -> Valu
         if let Some(sd_mm) = stature_sd_mm {
             file["subject"]["stature_sd_mm"] = json!(sd_mm);
         }
-        if let Some(Statement { top, bottom }) = clothes {
+        if let Some(StatedClothes { top, bottom }) = clothes {
             file["subject"]["clothes"] = json!({ "top": top, "bottom": bottom });
         }
     }

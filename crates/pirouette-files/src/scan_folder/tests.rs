@@ -7,8 +7,7 @@ use std::fs;
 use crate::formats::photo;
 use crate::formats::photo::encode_photo_png;
 use crate::source::SourceError;
-use pirouette::measure::{Looseness, Statement};
-use pirouette::scan::{KeypointKind, KeypointSource, Photo, Subject};
+use pirouette::scan::{KeypointKind, KeypointSource, Looseness, Photo, StatedClothes, Subject};
 use pirouette_body::{Joint, Keypoint, Keypoints, Sex};
 
 struct TestFolder(tempfile::TempDir);
@@ -527,7 +526,7 @@ fn a_written_scan_reads_back_unchanged() {
             mass_kg: Some(61.5),
             age_years: Some(30.0),
             stature_sd_mm: Some(4.0),
-            clothes: Some(Statement {
+            clothes: Some(StatedClothes {
                 top: Looseness::Loose,
                 bottom: Looseness::Tight,
             }),

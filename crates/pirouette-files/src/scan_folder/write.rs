@@ -12,8 +12,7 @@ use crate::formats::{manifest, photo};
 #[cfg(feature = "folders")]
 use crate::sink::make_folder;
 use crate::sink::{Sink, WriteError};
-use pirouette::measure::Statement;
-use pirouette::scan::{KeypointKind, STATED_TURN_SD_DEGREES, Scan, View};
+use pirouette::scan::{KeypointKind, STATED_TURN_SD_DEGREES, Scan, StatedClothes, View};
 use pirouette::video::tracked_turn_sd_radians;
 use pirouette_body::{Keypoints, ReferencePose, Sex};
 
@@ -150,7 +149,7 @@ fn manifest_of(scan: &Scan) -> serde_json::Value {
     if let Some(sex) = scan.subject.sex.filter(|sex| *sex != Sex::Neutral) {
         file["subject"]["sex"] = json!(sex.name());
     }
-    if let Some(Statement { top, bottom }) = scan.subject.clothes {
+    if let Some(StatedClothes { top, bottom }) = scan.subject.clothes {
         file["subject"]["clothes"] = json!({ "top": top, "bottom": bottom });
     }
     let camera = [

@@ -24,7 +24,7 @@ use pirouette_geom::TriMesh;
 use pirouette_geom::parallel::prelude::*;
 
 use crate::scan::{StatureFrom, Subject};
-pub use clothes::{Clothes, Covering, Looseness, Part, Statement, Surface};
+pub use clothes::{Clothes, Covering, Part, Surface};
 use marked_avatar::MarkedAvatar;
 pub use marked_avatar::measure_avatar;
 pub use mass::BodyMass;

@@ -17,8 +17,8 @@ use thiserror::Error;
 use crate::body_fit::BodyFitOptions;
 use crate::carve::CarveError;
 use crate::initial_body::InitialBodyError;
-use crate::measure::{Statement, Surface};
-use crate::scan::Scan;
+use crate::measure::Surface;
+use crate::scan::{Scan, StatedClothes};
 use crate::segment::SegmentOptions;
 use crate::skeleton_fit::SkeletonFitError;
 use job::Job;
@@ -110,7 +110,7 @@ pub struct Config {
     /// The surface whose measures are reported
     pub surface: Surface,
     /// Clothes that the person wears, instead of those that the scan states
-    pub clothes: Option<Statement>,
+    pub clothes: Option<StatedClothes>,
     /// Options of the segmentation; photos of several cameras are always segmented separately
     pub segment: SegmentOptions,
     /// Options of the body fit

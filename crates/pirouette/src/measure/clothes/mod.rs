@@ -14,39 +14,10 @@ mod model;
 use pirouette_body::Sex;
 use pirouette_body::survey::holds_for;
 
+use crate::scan::{Looseness, StatedClothes};
+
 use super::{BodyMass, Estimate, Measure, MeasureInput, Measured, Method};
 use model::{Inferred, MEASURES, Person, infer};
-
-/// How loosely a part is covered
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Looseness {
-    /// Bare, or in clothes that lie on the skin
-    Tight,
-    /// In clothes with the usual ease: shirts, trousers
-    Normal,
-    /// In clothes that hang, skirts, hair, shoes
-    Loose,
-}
-
-impl Looseness {
-    /// All kinds, in the order of their discriminants
-    pub const ALL: [Looseness; 3] = [Looseness::Tight, Looseness::Normal, Looseness::Loose];
-
-    /// Returns the name used in files
-    pub fn name(self) -> &'static str {
-        match self {
-            Looseness::Tight => "tight",
-            Looseness::Normal => "normal",
-            Looseness::Loose => "loose",
-        }
-    }
-
-    /// Returns the looseness of a name
-    pub fn of_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
-    }
-}
 
 /// A part of the body that clothes, hair or shoes cover as a whole
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
@@ -90,29 +61,6 @@ impl Part {
     }
 }
 
-/// What a person states to wear
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct Statement {
-    /// On trunk and upper arms
-    pub top: Looseness,
-    /// On hips and legs
-    pub bottom: Looseness,
-}
-
-impl Statement {
-    /// Returns the statement of one looseness for all clothes
-    pub fn all(looseness: Looseness) -> Self {
-        Self {
-            top: looseness,
-            bottom: looseness,
-        }
-    }
-
-    fn is_tight(self) -> bool {
-        self == Self::all(Looseness::Tight)
-    }
-}
-
 /// The surface whose measures are reported
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Surface {
@@ -140,7 +88,7 @@ pub struct Covering {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Clothes {
     /// What the person states
-    pub stated: Option<Statement>,
+    pub stated: Option<StatedClothes>,
     /// The coverings of all parts, in the order of [`Part::ALL`]
     pub coverings: Vec<Covering>,
 }
@@ -151,7 +99,7 @@ impl Clothes {
         self.coverings.iter().find(|covering| covering.part == part)
     }
 
-    fn of(stated: Option<Statement>, inferred: &Inferred) -> Self {
+    fn of(stated: Option<StatedClothes>, inferred: &Inferred) -> Self {
         let covering = |(part, shares): (Part, [f64; 3])| {
             let most =
                 |a: &Looseness, b: &Looseness| shares[*a as usize].total_cmp(&shares[*b as usize]);

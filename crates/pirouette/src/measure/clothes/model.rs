@@ -9,7 +9,8 @@ use pirouette_body::survey::{Regression, correlation};
 
 use super::super::prior::{RELAXED_OVER_FLEXED, dimension};
 use super::super::{Estimate, Measure};
-use super::{Looseness, Part, Statement};
+use super::Part;
+use crate::scan::{Looseness, StatedClothes};
 
 /// The girths and lengths of the model; `[0, SEEN)` are never covered
 pub(super) const MEASURES: [Measure; COUNT] = [
@@ -184,7 +185,7 @@ pub(super) struct Person<'a> {
     pub sexes: &'a [Sex],
     pub stature_mm: f64,
     pub mass_kg: Option<f64>,
-    pub statement: Option<Statement>,
+    pub statement: Option<StatedClothes>,
     /// The seen girths in the order of [`MEASURES`], where they are known
     pub seen: [Option<Estimate>; COUNT],
 }

@@ -27,7 +27,7 @@ fn seen(girths_mm: [f64; 12]) -> [Option<Estimate>; 12] {
 }
 
 /// Infers a woman's body from seen girths
-fn inferred(girths_mm: [f64; 12], mass_kg: Option<f64>, stated: Option<Statement>) -> Inferred {
+fn inferred(girths_mm: [f64; 12], mass_kg: Option<f64>, stated: Option<StatedClothes>) -> Inferred {
     infer(&Person {
         sexes: &[Sex::Female],
         stature_mm: STATURE_MM,
@@ -143,7 +143,7 @@ fn a_stated_mass_shows_the_body_below_loose_clothes() {
 fn a_statement_decides_what_the_girths_leave_open() {
     let seen_mm = dressed(&EVERYDAY_CLOTHES[..5]);
     let waist = |stated: Looseness| {
-        let found = inferred(seen_mm, None, Some(Statement::all(stated)));
+        let found = inferred(seen_mm, None, Some(StatedClothes::all(stated)));
         found.body[index(Measure::WaistGirth)]
     };
     let [tight, normal, loose] = Looseness::ALL.map(waist);
