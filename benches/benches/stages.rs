@@ -159,6 +159,7 @@ fn silhouettes_to_bodies(c: &mut Criterion) {
         estimated_keypoints: 0.0,
         extra_sd: pirouette::measure::ExtraSd::default(),
         surface: pirouette::measure::Surface::Clothed,
+        skirt: false,
     };
     c.bench_function("measure", |b| b.iter(|| measure(&input)));
 }

@@ -211,13 +211,20 @@ fn write_bodies(sink: &Sink, report: &Report, formats: &[MeshFormat]) -> Result<
         return Ok(());
     }
     // A fitted body has bones and colors.
-    let body = report.body.as_ref().map(|mesh| match &report.fit {
-        Some(fit) => BodyMesh {
-            colors: report.colors.as_ref().map(|colors| &colors.srgb[..]),
-            ..BodyMesh::from(&fit.avatar)
-        },
-        None => BodyMesh::from(mesh),
-    });
+    let body = report
+        .body
+        .as_ref()
+        .map(|mesh| match (&report.fit, &report.dressed) {
+            (_, Some(dressed)) => BodyMesh {
+                colors: dressed.colors.as_ref().map(|colors| &colors.srgb[..]),
+                ..BodyMesh::from(&dressed.avatar)
+            },
+            (Some(fit), None) => BodyMesh {
+                colors: report.colors.as_ref().map(|colors| &colors.srgb[..]),
+                ..BodyMesh::from(&fit.avatar)
+            },
+            (None, None) => BodyMesh::from(mesh),
+        });
     let hull = report.hull.as_ref().map(BodyMesh::from);
     for (name, body) in [("body", body), ("hull", hull)] {
         if let Some(body) = body {

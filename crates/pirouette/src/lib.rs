@@ -101,6 +101,7 @@ pub mod scan;
 pub mod segment;
 pub mod sizes;
 pub mod skeleton_fit;
+pub mod skirt;
 pub mod video;
 pub mod view;
 

@@ -81,7 +81,9 @@ fn clothes_json(clothes: &Clothes) -> Value {
         });
         (covering.part.name().to_owned(), value)
     });
-    Value::Object(parts.collect())
+    let mut map: Map<String, Value> = parts.collect();
+    map.insert("skirt".into(), json!(clothes.skirt));
+    Value::Object(map)
 }
 
 /// Returns the details of one measure

@@ -84,6 +84,8 @@ pub struct MeasureInput<'a> {
     pub extra_sd: ExtraSd,
     /// The surface whose measures are wanted
     pub surface: Surface,
+    /// Whether the person wears a skirt or a dress
+    pub skirt: bool,
 }
 
 /// Standard deviation in addition to that of a usual scan
@@ -130,6 +132,7 @@ impl<'a> MeasureInput<'a> {
             estimated_keypoints: 0.0,
             extra_sd: ExtraSd::default(),
             surface: Surface::Clothed,
+            skirt: false,
         }
     }
 

@@ -15,6 +15,7 @@ use crate::pipeline::{
 use crate::scan::{CameraSetup, KeypointKind, Scan};
 use crate::segment::{SegmentView, segment};
 use crate::skeleton_fit::{REPORTED_TURN_SIGMAS, SkeletonView, TurnFrom, are_wrong};
+use crate::skirt::find_skirt;
 use crate::view::{SolvedView, ViewId};
 
 impl Job<'_> {
@@ -31,6 +32,7 @@ impl Job<'_> {
             self.segment_again(report)?;
         }
         self.fit_all(report, options)?;
+        self.find_skirt(report)?;
         let wrong = match self.scan.surface {
             // The turns of a known mesh are exact.
             Some(_) => Vec::new(),
@@ -52,6 +54,7 @@ impl Job<'_> {
             self.fit_all(report, options)?;
         }
         self.fit_to_mesh(report)?;
+        cover_legs(report);
         adopt_camera(report);
         adopt_turns(report);
         // Pictures and the judgment of the body compare it with what was detected.
@@ -60,6 +63,22 @@ impl Job<'_> {
             if let (Some((_, keypoints)), Some(skeleton)) = (detected, &mut view.skeleton) {
                 skeleton.keypoints = *keypoints;
             }
+        }
+        Ok(())
+    }
+
+    /// Finds a skirt; then computes the silhouettes again, with a prior that has one, and fits again
+    fn find_skirt(&mut self, report: &mut Report) -> Result<(), PipelineError> {
+        let Some(body) = report.fit.as_ref().map(|fit| &fit.avatar) else {
+            return Ok(());
+        };
+        let views: Vec<SkeletonView> = report.views.iter().map(fitted_view).collect();
+        let bodies = render_priors(body, &views, &|| ());
+        let masks = report.views.iter().map(|view| &view.silhouette.mask);
+        report.skirt = find_skirt(body, &views, &bodies, &masks.collect::<Vec<_>>());
+        if report.skirt.is_some() {
+            self.segment_again(report)?;
+            self.fit_all(report, &self.config.fit)?;
         }
         Ok(())
     }
@@ -192,8 +211,14 @@ impl Job<'_> {
             }
         });
         let keypoints: Vec<Keypoints> = keypoints.collect();
+        let skirt = report.skirt;
         let priors = self.stage(Stage::Prior, fitted.len(), |steps| {
-            render_priors(body, &fitted, &|| steps.done())
+            let mut priors = render_priors(body, &fitted, &|| steps.done());
+            if let Some(skirt) = skirt {
+                let views = priors.iter_mut().zip(&fitted);
+                views.for_each(|(prior, view)| skirt.fill(body, view, prior));
+            }
+            priors
         })?;
         let options = self.segment_options();
         let silhouettes = self.stage(Stage::Segment, 1, |_| {
@@ -226,6 +251,25 @@ impl Job<'_> {
             }
         }
         Ok(())
+    }
+}
+
+/// Computes the overlaps of the body with the silhouettes again, with its skirt if it has one
+fn cover_legs(report: &mut Report) {
+    let (Some(skirt), Some(fit)) = (report.skirt, &report.fit) else {
+        return;
+    };
+    let body = &fit.avatar;
+    let views: Vec<SkeletonView> = report.views.iter().map(fitted_view).collect();
+    let bodies = render_priors(body, &views, &|| ());
+    for ((view, body_mask), skeleton) in report.views.iter_mut().zip(bodies).zip(&views) {
+        let mut covered = body_mask;
+        skirt.fill(body, skeleton, &mut covered);
+        let iou = covered.iou(&view.silhouette.mask);
+        view.fit = view.fit.map(|fit| FittedView {
+            silhouette_iou: Some(iou),
+            ..fit
+        });
     }
 }
 

@@ -278,6 +278,13 @@ impl<'a> Job<'a> {
                 .collect();
             color_surface(&fit.avatar, &views, &ColorOptions::default())
         })?;
+        if let (Some(skirt), Some(fit)) = (report.skirt, &report.fit) {
+            let (avatar, colors) = (&fit.avatar, report.colors.as_ref());
+            report.dressed = self.stage(Stage::Color, 1, |_| skirt.dress(avatar, colors))?;
+            self.warn(Warning::Skirt {
+                hem_mm: skirt.hem_mm,
+            });
+        }
         Ok(())
     }
 
@@ -371,7 +378,7 @@ impl<'a> Job<'a> {
         let detected_keypoints = share_of(&|view| view.keypoint_kind == KeypointKind::MediaPipe);
         let estimated_keypoints = share_of(&|view| view.keypoints_from == KeypointSource::Estimate);
         let doubts = Doubts::of(scan, report);
-        let surface = self.config.surface;
+        let (surface, skirt) = (self.config.surface, report.skirt.is_some());
         let subject = Subject {
             clothes: self.config.clothes.or(scan.subject.clothes),
             ..scan.subject
@@ -396,6 +403,7 @@ impl<'a> Job<'a> {
                 estimated_keypoints,
                 extra_sd: doubts.extra_sd(),
                 surface,
+                skirt,
             })
         })?;
         if detected_keypoints > 0.0 {

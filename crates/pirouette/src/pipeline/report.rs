@@ -10,6 +10,7 @@ use crate::normalize::NormalizeError;
 use crate::pipeline::{Config, Goal, InitialMannequin, Method, Refusal, Stage, Warning};
 use crate::segment::SegmentError;
 use crate::skeleton_fit::Skeleton;
+use crate::skirt::{DressedBody, Skirt};
 use crate::view::{SolvedView, ViewId};
 use pirouette_body::Avatar;
 
@@ -28,12 +29,16 @@ pub struct Report {
     pub fit: Option<FittedBody>,
     /// The initial mannequin of the fit, if it was selected by the silhouettes
     pub start: Option<InitialMannequin>,
+    /// The skirt or dress that the person wears, if one was found
+    pub skirt: Option<Skirt>,
     /// The accepted views, in the order of the scan
     pub views: Vec<SolvedView>,
     /// The body in the reference pose, world frame, mm
     pub body: Option<TriMesh>,
     /// Colors of the fitted body, if any photo shows it
     pub colors: Option<SurfaceColors>,
+    /// The fitted body with the skirt that the person wears
+    pub dressed: Option<DressedBody>,
     /// The visual hull of the normalized silhouettes, if requested
     pub hull: Option<TriMesh>,
     /// Why the body is not a result: it does not match the photos, or they do not show the complete person
@@ -65,9 +70,11 @@ impl Report {
             skeleton,
             fit: None,
             start: None,
+            skirt: None,
             views,
             body: None,
             colors: None,
+            dressed: None,
             hull: None,
             refusal: None,
             measurements: None,

@@ -105,6 +105,11 @@ pub enum Warning {
         list_parts(parts)
     )]
     Covered { parts: Vec<Covering> },
+    #[error(
+        "the person wears a skirt or a dress down to {hem_mm:.0} mm above the floor: the measures of the body below it are \
+         estimates; wear tight clothes"
+    )]
+    Skirt { hem_mm: f64 },
     #[error("view {view}: {warning}")]
     Normalize {
         view: String,
@@ -177,6 +182,7 @@ impl Warning {
             | Warning::ArmsCutOff { .. }
             | Warning::MassContradicted { .. }
             | Warning::Covered { .. }
+            | Warning::Skirt { .. }
             | Warning::TapesDiffer { .. } => None,
         }
     }
@@ -218,6 +224,7 @@ impl Warning {
             Warning::ArmsCutOff { .. } => "arms_cut_off",
             Warning::MassContradicted { .. } => "mass_contradicted",
             Warning::Covered { .. } => "covered",
+            Warning::Skirt { .. } => "skirt",
             Warning::TapesDiffer { .. } => "tapes_differ",
             Warning::Normalize { warning, .. } => match warning {
                 NormalizeWarning::NoHandles => "no_handles",

@@ -28,6 +28,7 @@ pub enum Part {
     Top,
     /// Hips and thighs
     Bottom,
+    Forearm,
     Head,
     Neck,
     Calf,
@@ -37,9 +38,10 @@ pub enum Part {
 
 impl Part {
     /// All parts
-    pub const ALL: [Part; 7] = [
+    pub const ALL: [Part; 8] = [
         Part::Top,
         Part::Bottom,
+        Part::Forearm,
         Part::Head,
         Part::Neck,
         Part::Calf,
@@ -52,6 +54,7 @@ impl Part {
         match self {
             Part::Top => "top",
             Part::Bottom => "bottom",
+            Part::Forearm => "forearm",
             Part::Head => "head",
             Part::Neck => "neck",
             Part::Calf => "calf",
@@ -89,6 +92,8 @@ pub struct Covering {
 pub struct Clothes {
     /// What the person states
     pub stated: Option<StatedClothes>,
+    /// Whether it is a skirt or a dress
+    pub skirt: bool,
     /// The coverings of all parts, in the order of [`Part::ALL`]
     pub coverings: Vec<Covering>,
 }
@@ -99,7 +104,7 @@ impl Clothes {
         self.coverings.iter().find(|covering| covering.part == part)
     }
 
-    fn of(stated: Option<StatedClothes>, inferred: &Inferred) -> Self {
+    fn of(stated: Option<StatedClothes>, skirt: bool, inferred: &Inferred) -> Self {
         let covering = |(part, shares): (Part, [f64; 3])| {
             let most =
                 |a: &Looseness, b: &Looseness| shares[*a as usize].total_cmp(&shares[*b as usize]);
@@ -115,6 +120,7 @@ impl Clothes {
         let parts = Part::ALL.into_iter().zip(inferred.shares);
         Self {
             stated,
+            skirt,
             coverings: parts.map(covering).collect(),
         }
     }
@@ -136,6 +142,9 @@ const MIN_COVERED: f64 = 0.25;
 
 /// Standard deviation of lengths over clothes, as a share of them: seams and landmarks are hidden
 const LENGTH_SHARE: f64 = 0.03;
+
+/// Standard deviation of heights and lengths at the crotch below a skirt, as a share: only joints show where it is
+const SKIRT_SHARE: f64 = 0.05;
 
 /// Standard deviation of a girth derived from the one beside it, as a share
 const DERIVED_SHARE: f64 = 0.03;
@@ -179,9 +188,8 @@ pub(super) fn part_of(measure: Measure) -> Option<Part> {
         Measure::KneeGirth | Measure::LowerKneeGirth | Measure::CalfGirth => Part::Calf,
         Measure::AnkleGirth => Part::Ankle,
         Measure::FootLength => Part::Foot,
+        Measure::WristGirth | Measure::ForearmGirth => Part::Forearm,
         Measure::Stature
-        | Measure::WristGirth
-        | Measure::ForearmGirth
         | Measure::ArmLength
         | Measure::ShoulderToWrist
         | Measure::UpperArmLength
@@ -230,14 +238,19 @@ pub(super) fn look_below(
         Some(Sex::Male) => &[Sex::Male],
         Some(Sex::Neutral) | None => &[Sex::Female, Sex::Male],
     };
+    let stated = subject.clothes;
+    let bottom = match input.skirt {
+        true => Some(Looseness::Loose),
+        false => stated.map(|stated| stated.bottom),
+    };
     let inferred = infer(&Person {
         sexes,
         stature_mm,
         mass_kg: subject.mass_kg,
-        statement: subject.clothes,
+        known: [stated.map(|stated| stated.top), bottom],
         seen,
     })?;
-    let clothes = Clothes::of(subject.clothes, &inferred);
+    let clothes = Clothes::of(stated, input.skirt, &inferred);
     // Estimates of the body, and their ratio to what is seen
     let below = |measure: Measure| {
         let index = MEASURES.iter().position(|other| *other == measure)?;
@@ -264,7 +277,10 @@ pub(super) fn look_below(
             }
             _ => {
                 let covered = clothes.covering(part).map_or(0.0, |found| found.covered);
-                let share = LENGTH_SHARE * covered;
+                let share = match part {
+                    Part::Bottom if input.skirt => SKIRT_SHARE,
+                    _ => LENGTH_SHARE * covered,
+                };
                 Estimate {
                     value_mm: visible.value_mm,
                     sd_mm: visible.sd_mm.hypot(share * visible.value_mm),

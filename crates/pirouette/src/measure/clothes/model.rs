@@ -10,9 +10,9 @@ use pirouette_body::survey::{Regression, correlation};
 use super::super::prior::{RELAXED_OVER_FLEXED, dimension};
 use super::super::{Estimate, Measure};
 use super::Part;
-use crate::scan::{Looseness, StatedClothes};
+use crate::scan::Looseness;
 
-/// The girths and lengths of the model; `[0, SEEN)` are never covered
+/// The girths and lengths of the model
 pub(super) const MEASURES: [Measure; COUNT] = [
     Measure::WristGirth,
     Measure::ForearmGirth,
@@ -28,7 +28,8 @@ pub(super) const MEASURES: [Measure; COUNT] = [
     Measure::FootLength,
 ];
 const COUNT: usize = 12;
-const SEEN: usize = 2;
+/// Number of parts
+const PART_COUNT: usize = Part::ALL.len();
 
 /// Standard deviation of a measure around the definition of the survey, as a share of it; the survey's waist is at the navel
 fn definition_sd(measure: Measure) -> f64 {
@@ -95,7 +96,7 @@ const fn cover(looseness: Looseness, share: [f64; 2], ease_mm: &'static [[f64; 2
 }
 
 /// The parts and their coverings; eases by the cut of shirts and trousers for everyday wear
-const PARTS: [CoveredPart; 7] = [
+const PARTS: [CoveredPart; PART_COUNT] = [
     CoveredPart {
         part: Part::Top,
         from: 2,
@@ -133,6 +134,15 @@ const PARTS: [CoveredPart; 7] = [
         ],
     },
     CoveredPart {
+        part: Part::Forearm,
+        from: 0,
+        to: 2,
+        covers: &[
+            bare(0.99, 0.6),
+            cover(Looseness::Loose, [0.01, 0.4], &[[60.0, 40.0], [50.0, 35.0]]),
+        ],
+    },
+    CoveredPart {
         part: Part::Head,
         from: 7,
         to: 8,
@@ -146,8 +156,8 @@ const PARTS: [CoveredPart; 7] = [
         from: 8,
         to: 9,
         covers: &[
-            bare(0.95, 0.75),
-            cover(Looseness::Loose, [0.05, 0.25], &[[120.0, 120.0]]),
+            bare(0.95, 0.6),
+            cover(Looseness::Loose, [0.05, 0.4], &[[80.0, 110.0]]),
         ],
     },
     CoveredPart {
@@ -185,7 +195,8 @@ pub(super) struct Person<'a> {
     pub sexes: &'a [Sex],
     pub stature_mm: f64,
     pub mass_kg: Option<f64>,
-    pub statement: Option<StatedClothes>,
+    /// Looseness of the clothes on top and bottom, where it is known
+    pub known: [Option<Looseness>; 2],
     /// The seen girths in the order of [`MEASURES`], where they are known
     pub seen: [Option<Estimate>; COUNT],
 }
@@ -198,7 +209,7 @@ pub(super) struct Inferred {
     /// Mean and standard deviation of the square root of mass in kg over stature in m
     pub build: [f64; 2],
     /// Probability of each looseness of each part, in the order of [`Part::ALL`] and [`Looseness::ALL`]
-    pub shares: [[f64; 3]; 7],
+    pub shares: [[f64; 3]; PART_COUNT],
 }
 
 /// A normal distribution of the measures of a body and of its build, the last coordinate
@@ -284,11 +295,11 @@ struct Sums {
     weight: f64,
     first: [f64; COUNT + 1],
     second: [f64; COUNT + 1],
-    shares: [[f64; 3]; 7],
+    shares: [[f64; 3]; PART_COUNT],
 }
 
 impl Sums {
-    fn add(&mut self, normal: &Normal, log_prior: f64, covers: &[Looseness; 7]) {
+    fn add(&mut self, normal: &Normal, log_prior: f64, covers: &[Looseness; PART_COUNT]) {
         let log = normal.log_evidence + log_prior;
         if log > self.scale {
             // Keeps the largest weight at 1.
@@ -314,9 +325,9 @@ impl Sums {
     }
 }
 
-/// Probability of each looseness of top and bottom for people who state theirs
-fn stated_shares(stated: Looseness) -> [f64; 3] {
-    match stated {
+/// Probability of each looseness of top and bottom where it is known
+fn known_shares(known: Looseness) -> [f64; 3] {
+    match known {
         Looseness::Tight => [0.99, 0.01, 0.0],
         Looseness::Normal => [0.1, 0.8, 0.1],
         Looseness::Loose => [0.02, 0.18, 0.8],
@@ -333,7 +344,7 @@ fn follow(
     person: &Person,
     normal: &Normal,
     log_shares: [f64; 2],
-    covers: &mut [Looseness; 7],
+    covers: &mut [Looseness; PART_COUNT],
     depth: usize,
     sums: &mut Sums,
 ) {
@@ -346,12 +357,13 @@ fn follow(
     };
     for cover in part.covers {
         let mut shares = cover.share;
-        if let (Part::Top | Part::Bottom, Some(stated)) = (part.part, person.statement) {
-            let looseness = match part.part {
-                Part::Top => stated.top,
-                _ => stated.bottom,
-            };
-            shares = [stated_shares(looseness)[cover.looseness as usize]; 2];
+        let known = match part.part {
+            Part::Top => person.known[0],
+            Part::Bottom => person.known[1],
+            _ => None,
+        };
+        if let Some(known) = known {
+            shares = [known_shares(known)[cover.looseness as usize]; 2];
         }
         let mut observed = normal.clone();
         for index in part.from..part.to {
@@ -378,28 +390,24 @@ pub(super) fn infer(person: &Person) -> Option<Inferred> {
             vec![(1.0 - WRONG_MASS, stated), (WRONG_MASS, unknown)]
         }
     };
-    let everyday = match person.statement {
-        None => EVERYDAY,
-        Some(stated) if stated.is_tight() => 0.01,
-        Some(_) => 0.95,
+    let everyday = match person.known {
+        [None, None] => EVERYDAY,
+        [Some(Looseness::Tight), Some(Looseness::Tight)] => 0.01,
+        [Some(Looseness::Tight), None] | [None, Some(Looseness::Tight)] => 0.05,
+        _ => 0.95,
     };
     let mut sums = Sums {
         scale: f64::NEG_INFINITY,
         weight: 0.0,
         first: [0.0; COUNT + 1],
         second: [0.0; COUNT + 1],
-        shares: [[0.0; 3]; 7],
+        shares: [[0.0; 3]; PART_COUNT],
     };
     for &sex in person.sexes {
         for &(share, build) in &builds {
-            let mut normal = Normal::of_people(sex, person.stature_mm, build)?;
-            for index in 0..SEEN {
-                if let Some(seen) = person.seen[index] {
-                    normal.observe(index, seen, [0.0; 2]);
-                }
-            }
+            let normal = Normal::of_people(sex, person.stature_mm, build)?;
             let log_shares = [1.0 - everyday, everyday].map(|p| log(share * p));
-            let mut covers = [Looseness::Tight; 7];
+            let mut covers = [Looseness::Tight; PART_COUNT];
             follow(person, &normal, log_shares, &mut covers, 0, &mut sums);
         }
     }

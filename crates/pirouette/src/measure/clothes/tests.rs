@@ -32,7 +32,7 @@ fn inferred(girths_mm: [f64; 12], mass_kg: Option<f64>, stated: Option<StatedClo
         sexes: &[Sex::Female],
         stature_mm: STATURE_MM,
         mass_kg,
-        statement: stated,
+        known: [stated.map(|s| s.top), stated.map(|s| s.bottom)],
         seen: seen(girths_mm),
     })
     .expect("the survey has women")
@@ -58,7 +58,7 @@ const EVERYDAY_CLOTHES: [(Measure, f64); 7] = [
 ];
 
 fn is_covered(inferred: &Inferred, part: Part) -> bool {
-    Clothes::of(None, inferred).covers(part)
+    Clothes::of(None, false, inferred).covers(part)
 }
 
 fn deviations(inferred: &Inferred) -> Vec<f64> {
