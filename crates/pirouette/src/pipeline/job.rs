@@ -13,7 +13,7 @@ use crate::color::{ColorOptions, ColorView, color_surface};
 use crate::measure::{BodySource, Covering, MeasureInput, measure};
 use crate::normalize::{NormalizeError, NormalizedView};
 use crate::pipeline::stages::{
-    Normalizer, carve_views, make_avatar, measure_views, normalized_outlines,
+    Normalizer, carve_views, make_avatar, measure_views, normalized_outlines, outlines_with_core,
     photographed_outlines, render_priors,
 };
 use crate::pipeline::verdict::Doubts;
@@ -334,9 +334,12 @@ impl<'a> Job<'a> {
     pub(super) fn carve(&mut self, report: &mut Report) -> Result<Vec<OutlineMap>, PipelineError> {
         let mut outlines = Vec::new();
         if report.fit.is_none() || self.config.hull {
-            let (views, fit) = (&report.views, &report.fit);
+            let (views, fit, avatar) = (&report.views, &report.fit, &report.avatar);
             let (hull, normalized) = self.stage(Stage::Carve, 1, |_| {
-                let outlines = normalized_outlines(views);
+                let outlines = match fit {
+                    Some(_) => normalized_outlines(views),
+                    None => outlines_with_core(views, avatar),
+                };
                 let options = CarveOptions::default();
                 let views = carve_views(views, &outlines);
                 let hull = match fit {

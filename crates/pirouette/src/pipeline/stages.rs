@@ -3,10 +3,11 @@
 use pirouette_body::gltf::{HullUsed, load_avatar_with_hull};
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 use pirouette_body::render::SilhouetteMesh;
-use pirouette_body::{Avatar, Pose};
+use pirouette_body::{Avatar, Camera, Pose};
+use pirouette_geom::morphology::erode;
 use pirouette_geom::outline_map::OutlineMap;
 use pirouette_geom::parallel::prelude::*;
-use pirouette_geom::{Mask, TriMesh};
+use pirouette_geom::{Grid, Mask, TriMesh};
 
 use crate::body_fit::{ContourMesh, OutlineTargets};
 use crate::carve::CarveView;
@@ -171,6 +172,38 @@ pub fn normalized_outlines(views: &[SolvedView]) -> Vec<OutlineMap> {
     normalized.map(outline).collect()
 }
 
+/// Depth below the surface of the reference avatar from which on its silhouette is inside that of anybody, in mm
+///
+/// Silhouettes are normalized to the pose and the stature of the avatar; a limb of a thin person is within 20 mm of it.
+const CORE_DEPTH_MM: f64 = 16.0;
+
+/// Computes the outlines of the normalized silhouettes, united with the core of the avatar's
+///
+/// A limb that a silhouette lost, since it lay before the trunk or followed wrong joints, would otherwise be cut off by this
+/// one view.
+pub(super) fn outlines_with_core(views: &[SolvedView], avatar: &Avatar) -> Vec<OutlineMap> {
+    let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
+    let outline = |view: &SolvedView| {
+        let mut soft = view.normalized.as_ref()?.soft();
+        let SkeletonView { camera, turn, .. } = *view.skeleton();
+        let positions = avatar.posed(&Pose::default(), turn).positions;
+        add_core(&mut soft, &mesh.silhouette(&positions, &camera), &camera);
+        Some(OutlineMap::new(&soft, OutlineMap::FAR_PX))
+    };
+    views.par_iter().filter_map(outline).collect()
+}
+
+/// Fills a silhouette where that of the avatar is deeper than [`CORE_DEPTH_MM`]
+fn add_core(soft: &mut Grid<f32>, avatar: &Grid<f32>, camera: &Camera) {
+    let depth_px = CORE_DEPTH_MM * camera.focal_px() / camera.distance_mm;
+    let core = erode(&avatar.threshold(0.5), depth_px);
+    for (soft, core) in soft.as_mut_slice().iter_mut().zip(core.as_slice()) {
+        if *core {
+            *soft = 1.0;
+        }
+    }
+}
+
 /// Computes the outlines of the photographed silhouettes, in the order of the views
 pub fn photographed_outlines(views: &[SolvedView]) -> Vec<OutlineMap> {
     let outline =
@@ -204,4 +237,37 @@ pub fn carve_views<'a>(views: &[SolvedView], outlines: &'a [OutlineMap]) -> Vec<
             turn: view.skeleton().turn,
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pirouette_synthetic::SyntheticOptions;
+
+    #[test]
+    fn the_core_restores_lost_limbs_and_changes_no_complete_silhouette() {
+        let avatar = mannequin(&MannequinParameters::default()).unwrap();
+        let camera = SyntheticOptions::camera_for(avatar.stature_mm(), 240, 300);
+        let mesh = SilhouetteMesh::new(&avatar.mesh.triangles);
+        let complete = mesh.silhouette(&avatar.mesh.positions, &camera);
+        let mut same = complete.clone();
+        add_core(&mut same, &complete, &camera);
+        assert_eq!(same.threshold(0.5), complete.threshold(0.5));
+
+        // A silhouette without its right half
+        let half = complete.width() / 2;
+        let left = |x: usize, y: usize| if x < half { complete[(x, y)] } else { 0.0 };
+        let mut restored = Grid::from_fn(complete.width(), complete.height(), left);
+        add_core(&mut restored, &complete, &camera);
+        let inside = restored.as_slice().iter().zip(complete.as_slice());
+        assert!(
+            inside
+                .clone()
+                .all(|(restored, whole)| restored <= whole || *whole >= 0.5)
+        );
+        let wrist = camera.project(avatar.keypoints[pirouette_body::Joint::LeftElbow]);
+        assert!(restored[(wrist.x as usize, wrist.y as usize)] > 0.5);
+        let area = restored.threshold(0.5).area() as f64 / complete.threshold(0.5).area() as f64;
+        assert!((0.7..0.95).contains(&area), "{area}");
+    }
 }
