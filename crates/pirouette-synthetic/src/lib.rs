@@ -11,10 +11,12 @@ mod random;
 mod room;
 mod sway;
 pub mod video;
+pub mod wardrobe;
 
 pub use appearance::{Appearance, Lighting};
 pub use random::Random;
 pub use room::Clutter;
+pub use wardrobe::{Dressed, Outfit, dress};
 
 use glam::{DMat3, DVec2, DVec3};
 use pirouette_geom::parallel::prelude::*;
@@ -116,10 +118,34 @@ pub fn synthesize_in(
     options: &SyntheticOptions,
     appearance: &Appearance,
 ) -> SyntheticScan {
+    let look = || person::Look::new(avatar, options.seed, appearance);
+    photograph(avatar, avatar.stature_mm(), look, options, appearance)
+}
+
+/// Like [`synthesize_in`], of a dressed person: photos, silhouettes and [`Truth::body`] show clothes and hair
+///
+/// Keypoints are those of the body. The stated stature is that of the naked, barefoot body.
+pub fn synthesize_dressed(
+    dressed: &Dressed,
+    options: &SyntheticOptions,
+    appearance: &Appearance,
+) -> SyntheticScan {
+    let look = || person::Look::dressed(dressed, options.seed, appearance);
+    let (avatar, stature_mm) = (&dressed.avatar, dressed.stature_mm);
+    photograph(avatar, stature_mm, look, options, appearance)
+}
+
+fn photograph(
+    avatar: &Avatar,
+    stature_mm: f64,
+    look: impl FnOnce() -> person::Look,
+    options: &SyntheticOptions,
+    appearance: &Appearance,
+) -> SyntheticScan {
     let camera = options.camera;
     let lighting = appearance.lighting;
     let painted = options.photos.then(|| {
-        let look = person::Look::new(avatar, options.seed, appearance);
+        let look = look();
         let mut background = room::Room::new(options.seed, options.clutter).render(&camera);
         lighting.light_room(&mut background);
         (look, background)
@@ -152,13 +178,9 @@ pub fn synthesize_in(
                 }
                 None => Photo::filled(camera.width_px, camera.height_px, [0; 3]),
             };
-            let keypoints = detect(
-                avatar,
-                &posed,
-                &camera,
-                options.keypoint_noise_px,
-                &mut random,
-            );
+            let scale = camera.focal_px() * stature_mm / camera.distance_mm / NOMINAL_STATURE_PX;
+            let noise_px = options.keypoint_noise_px * scale;
+            let keypoints = detect(avatar, &posed, &camera, noise_px, &mut random);
             let still = avatar.posed(&Pose::default(), turn).positions;
             let canonical =
                 render::silhouette(&still, &avatar.mesh.triangles, &camera).threshold(0.5);
@@ -192,7 +214,7 @@ pub fn synthesize_in(
     };
     let mut scan = Scan {
         pose: avatar.pose,
-        stature_mm: Some(avatar.stature_mm()),
+        stature_mm: Some(stature_mm),
         stature_from: StatureFrom::Stated,
         mm_per_px: None,
         subject: Subject::default(),
@@ -219,6 +241,8 @@ pub fn synthesize_in(
 }
 
 /// Simulates keypoints as reported by a detector: noisy, with lower confidence for hidden joints
+///
+/// The noise is the standard deviation of visible keypoints, in px of the photo.
 fn detect(
     avatar: &Avatar,
     posed: &PosedBones,
@@ -227,12 +251,11 @@ fn detect(
     random: &mut Random,
 ) -> Keypoints {
     let visible = render::visible_bones(avatar, posed, camera);
-    let scale = camera.focal_px() * avatar.stature_mm() / camera.distance_mm / NOMINAL_STATURE_PX;
     let mut points = PerJoint::splat(Keypoint::default());
     for joint in Joint::ALL {
         let place = posed.carry(joint.bone(), avatar.keypoints[joint]);
         let seen = visible[joint.bone()] && !faces_away(joint, posed);
-        let sigma = noise_px * scale * if seen { 1.0 } else { 3.0 };
+        let sigma = noise_px * if seen { 1.0 } else { 3.0 };
         let confidence = if seen {
             random.between(0.72, 0.95)
         } else {

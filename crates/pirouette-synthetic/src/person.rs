@@ -6,6 +6,7 @@ use pirouette_geom::Grid;
 use super::appearance::{Appearance, Lighting};
 use super::random::{Random, noise, rough_noise};
 use super::room::{Light, hue};
+use super::wardrobe::{Dressed, Hems, Material};
 use pirouette_body::{Avatar, Bone, Camera, Joint, render};
 
 /// Colors and clothing of one person
@@ -27,9 +28,29 @@ pub(super) struct Look {
     sleeve: f64,
     leg: f64,
     lighting: Lighting,
+    hems: Option<Hems>,
+    hat: DVec3,
 }
 
+/// Distance along x, in mm, by which the places of each further material are moved
+///
+/// The renderer interpolates three numbers: the place also tells the material. Pieces share no triangles with the body.
+const MATERIAL_MM: f64 = 16384.0;
+
 impl Look {
+    pub(super) fn dressed(dressed: &Dressed, seed: u64, appearance: &Appearance) -> Self {
+        let mut look = Self::new(&dressed.avatar, seed, appearance);
+        look.hems = Some(dressed.hems);
+        let painted = dressed.places.iter().zip(&dressed.materials);
+        look.places = painted
+            .map(|(place, material)| {
+                let aside = DVec3::X * MATERIAL_MM * f64::from(*material as u8);
+                (*place + aside).to_array().map(|v| v as f32)
+            })
+            .collect();
+        look
+    }
+
     pub(super) fn new(avatar: &Avatar, seed: u64, appearance: &Appearance) -> Self {
         let random = &mut Random::new(seed ^ 0x00c1_07e5);
         // Drawn in any case, so that clothes do not depend on the skin.
@@ -80,6 +101,8 @@ impl Look {
             sleeve: random.between(0.35, 0.8),
             leg: random.between(0.4, 0.9),
             lighting: appearance.lighting,
+            hems: None,
+            hat: hue(random, 0.05, 0.5, 0.7),
         }
     }
 
@@ -134,6 +157,9 @@ impl Look {
 
     /// Returns the color of a point of the reference pose
     fn albedo(&self, place: DVec3) -> [f32; 3] {
+        let material = (place.x / MATERIAL_MM).round();
+        let place = place - DVec3::X * MATERIAL_MM * material;
+        let is = |other: Material| material == f64::from(other as u8);
         let (bone, along) = self.nearest_bone(place);
         let weave = 0.92 + 0.16 * noise(place / 5.0, self.seed);
         let folds = 0.85 + 0.3 * rough_noise(place / DVec3::new(60.0, 140.0, 60.0), self.seed ^ 11);
@@ -142,6 +168,20 @@ impl Look {
             self.shirt * weave * folds * if dark { 0.55 } else { 1.0 }
         };
         let skin = self.skin * (0.96 + 0.08 * noise(place / 12.0, self.seed ^ 12));
+        let worn = match &self.hems {
+            _ if is(Material::Hair) => Some(self.strands(place)),
+            _ if is(Material::Hat) => Some(self.hat * weave),
+            _ if is(Material::Skirt) => Some(self.shorts * weave * folds),
+            Some(hems) => Part::of(bone, along, place, hems).map(|part| match part {
+                Part::Top => shirt(self.stripes),
+                Part::Bottom => self.shorts * weave * folds,
+                Part::Skin => skin,
+            }),
+            None => None,
+        };
+        if let Some(color) = worn {
+            return color.to_array().map(|v| v as f32);
+        }
         let color = match bone {
             Bone::LowerSpine | Bone::UpperSpine | Bone::LeftClavicle | Bone::RightClavicle => {
                 shirt(self.stripes)
@@ -162,10 +202,14 @@ impl Look {
         let hairline = 0.035 + 0.004 * noise(place / 15.0, self.seed ^ 13);
         // hair: above the hairline, and behind the ears down to the nape
         if up > hairline || (ahead < -0.055 && up > -0.035) {
-            return self.hair
-                * (0.7 + 0.6 * noise(place / DVec3::new(4.0, 40.0, 4.0), self.seed ^ 14));
+            return self.strands(place);
         }
         skin
+    }
+
+    /// Returns the color of hair
+    fn strands(&self, place: DVec3) -> DVec3 {
+        self.hair * (0.7 + 0.6 * noise(place / DVec3::new(4.0, 40.0, 4.0), self.seed ^ 14))
     }
 
     /// Returns the bone nearest to a point of the reference pose, and the position along it (0 to 1)
@@ -180,5 +224,34 @@ impl Look {
             }
         }
         (nearest.1, nearest.2)
+    }
+}
+
+/// What covers a point of trunk, arms and legs
+enum Part {
+    Top,
+    Bottom,
+    Skin,
+}
+
+impl Part {
+    /// Returns what covers a point by its nearest bone and the position along it; `None` for head, hands and feet
+    fn of(bone: Bone, along: f64, place: DVec3, hems: &Hems) -> Option<Self> {
+        use Bone::*;
+        let covered = |covered: bool, part: Self| Some(if covered { part } else { Self::Skin });
+        let lower = if place.y > hems.top_mm {
+            Self::Top
+        } else {
+            Self::Bottom
+        };
+        match bone {
+            Root | LowerSpine | UpperSpine | LeftClavicle | RightClavicle => Some(lower),
+            LeftThigh | RightThigh if place.y > hems.top_mm => Some(Self::Top),
+            LeftThigh | RightThigh => covered(along < hems.leg, Self::Bottom),
+            LeftShin | RightShin => covered(1.0 + along < hems.leg, Self::Bottom),
+            LeftUpperArm | RightUpperArm => covered(along < hems.sleeve, Self::Top),
+            LeftForearm | RightForearm => covered(1.0 + along < hems.sleeve, Self::Top),
+            _ => None,
+        }
     }
 }
