@@ -7,6 +7,7 @@ use pirouette::pipeline::{CancelToken, Goal};
 use pirouette_eval::ablation::{self, AblationOptions};
 use pirouette_eval::angles::{self, AnglesOptions};
 use pirouette_eval::bodies::{self, BodiesOptions};
+use pirouette_eval::clothes::{self, ClothesOptions};
 use pirouette_eval::faults::{self, FaultsOptions, Group};
 use pirouette_eval::folders::{
     name_of, photo_table, scan_table, score_photos, score_scan, with_truth,
@@ -23,8 +24,8 @@ use pirouette_files::sink::{make_folder, write_atomic};
 use serde_json::{Value, json};
 
 use crate::args::{
-    EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs,
-    EvalPublishedArgs, EvalScansArgs, EvalTable, EvalTapesArgs, EvalVideosArgs,
+    EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalClothesArgs, EvalFaultsArgs,
+    EvalPhotosArgs, EvalPublishedArgs, EvalScansArgs, EvalTable, EvalTapesArgs, EvalVideosArgs,
 };
 use crate::models_command::pose_model;
 use crate::output::Output;
@@ -41,6 +42,7 @@ pub fn run(args: &EvalArgs, output: Output, quiet: bool, cancel: &CancelToken) -
         Some(EvalTable::Faults(args)) => eval_faults(args, &progress, cancel),
         Some(EvalTable::Ablation(args)) => eval_ablation(args, &progress, cancel),
         Some(EvalTable::Angles(args)) => eval_angles(args, &progress, cancel),
+        Some(EvalTable::Clothes(args)) => eval_clothes(args, &progress, cancel),
         Some(EvalTable::Videos(args)) => eval_videos(args, &progress, cancel),
         Some(EvalTable::Scans(args)) => eval_scans(args, &progress, cancel),
         Some(EvalTable::Photos(args)) => eval_photos(args, &progress, cancel),
@@ -261,6 +263,31 @@ fn eval_angles(
     let value = json!({
         "ok": true,
         "table": "angles",
+        "tables": tables,
+        "people": study.people,
+    });
+    Ok((text, value))
+}
+
+fn eval_clothes(
+    args: &EvalClothesArgs,
+    progress: &Progress,
+    cancel: &CancelToken,
+) -> Result<(String, Value)> {
+    let options = ClothesOptions {
+        people: args.people,
+        first_seed: args.first_seed,
+        ..ClothesOptions::default()
+    };
+    let study = clothes::study(&options, cancel, &mut |step| show(progress, &step))?;
+    if let Some(folder) = &args.out {
+        make_folder(folder)?;
+        write_atomic(&folder.join("clothes.md"), study.page.as_bytes())?;
+    }
+    let (text, tables) = written(&study.tables);
+    let value = json!({
+        "ok": true,
+        "table": "clothes",
         "tables": tables,
         "people": study.people,
     });

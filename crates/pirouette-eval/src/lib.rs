@@ -1,13 +1,14 @@
 //! Evaluation of accuracy: studies on rendered people, and scores of results against ground truth.
 //!
 //! Every table is computed by a function with fixed seeds: [`bodies::study`], [`tapes::study`], [`faults::study`],
-//! [`ablation::study`], [`angles::study`], [`folders::score_scan`], [`folders::score_photos`], and the experiments of [`published::run`].
+//! [`ablation::study`], [`angles::study`], [`clothes::study`], [`folders::score_scan`], [`folders::score_photos`], and the experiments of [`published::run`].
 //! The scores are defined in [`score`]. Rendered people differ from real ones: the studies locate weaknesses and measure the effect of
 //! changes; they do not measure the accuracy on photos of real people.
 
 pub mod ablation;
 pub mod angles;
 pub mod bodies;
+pub mod clothes;
 pub mod faults;
 pub mod film;
 pub mod folders;

@@ -57,7 +57,7 @@ const KNEE_DEGREES: f64 = 1.5;
 const APART_DEGREES: f64 = 1.5;
 
 /// Columns and rows of the photos
-const PHOTO_SIZE_PX: (usize, usize) = (800, 1000);
+pub(crate) const PHOTO_SIZE_PX: (usize, usize) = (800, 1000);
 
 /// Noise of the keypoints at noise 1, in px at a stature of 800 px
 pub const KEYPOINT_NOISE_PX: f64 = 3.0;

@@ -65,6 +65,9 @@ pub enum EvalTable {
     /// Scan random people at unknown turn angles: errors of the angles found; writes docs/angles.md with `-o docs`
     #[command(after_help = EVAL_ANGLES_HELP)]
     Angles(EvalAnglesArgs),
+    /// Scan random people with hair, shoes and clothes: errors against the naked body; writes clothes.md with `-o DIR`
+    #[command(after_help = EVAL_CLOTHES_HELP)]
+    Clothes(EvalClothesArgs),
     /// Film random people and scan the videos: errors of angles and girths; writes docs/videos.md with `-o docs`
     #[command(after_help = EVAL_VIDEOS_HELP)]
     Videos(EvalVideosArgs),
@@ -182,6 +185,22 @@ pub struct EvalAnglesArgs {
     pub out: Option<PathBuf>,
 }
 
+/// Arguments of `eval clothes`
+#[derive(Debug, Args)]
+pub struct EvalClothesArgs {
+    /// Number of people, each in nine outfits
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    pub people: usize,
+
+    /// Seed of the first person
+    #[arg(long, value_name = "N", default_value_t = pirouette_eval::clothes::FIRST_SEED)]
+    pub first_seed: u64,
+
+    /// Folder for clothes.md; if omitted, the tables are only printed
+    #[arg(short, long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
 /// Arguments of `eval videos`
 #[derive(Debug, Args)]
 pub struct EvalVideosArgs {
@@ -291,6 +310,14 @@ with unknown and with known angles. `--json` lists every person.
 Examples:
   pirouette eval angles --people 2
   pirouette eval angles -o docs";
+
+pub const EVAL_CLOTHES_HELP: &str = "\
+Outfits: as tight as skin, the same with a bun, long hair, an afro, a hat, or shoes; normal and loose clothes; a skirt. Reports
+the overlap of silhouettes, refused scans, and errors of measures against the naked body. `--json` lists every scan.
+
+Examples:
+  pirouette eval clothes --people 2
+  pirouette eval clothes --json > clothes.json";
 
 pub const EVAL_VIDEOS_HELP: &str = "\
 Turns at an even and at a changing speed, clockwise, with a pause, and by one turn and a half, in 8, 16 and 36 views.

@@ -19,8 +19,8 @@ pub use check::CheckArgs;
 pub use compare::CompareArgs;
 pub use demo::DemoArgs;
 pub use eval::{
-    EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalFaultsArgs, EvalPhotosArgs,
-    EvalPublishedArgs, EvalScansArgs, EvalTable, EvalTapesArgs, EvalVideosArgs,
+    EvalAblationArgs, EvalAnglesArgs, EvalArgs, EvalBodiesArgs, EvalClothesArgs, EvalFaultsArgs,
+    EvalPhotosArgs, EvalPublishedArgs, EvalScansArgs, EvalTable, EvalTapesArgs, EvalVideosArgs,
 };
 pub use keypoints::KeypointsArgs;
 pub use models::{ModelsAction, ModelsArgs};

@@ -221,7 +221,11 @@ struct Piece {
 /// determines the folds.
 pub fn dress(avatar: &Avatar, outfit: &Outfit, seed: u64) -> Dressed {
     let stature_mm = avatar.stature_mm();
-    let marks = Marks::new(avatar);
+    let mut marks = Marks::new(avatar);
+    if let Bottom::Skirt { .. } = outfit.bottom {
+        // The top is tucked in.
+        marks.top_hem_mm = marks.waist_mm - 10.0;
+    }
     let worn = garments::clothed(avatar, &marks, outfit, seed);
     let lift = DVec3::Y * outfit.sole_mm;
     let mut dressed = avatar.clone().shifted(lift);

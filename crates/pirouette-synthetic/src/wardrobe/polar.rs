@@ -56,7 +56,7 @@ impl Polar {
         })
     }
 
-    /// Interpolates empty directions and copies empty levels; returns whether there was any value
+    /// Bridges empty directions and copies empty levels; returns whether there was any value
     fn fill(&mut self) -> bool {
         let mut full: Vec<usize> = Vec::new();
         for (level, ring) in self.radii.iter_mut().enumerate() {
@@ -69,8 +69,8 @@ impl Polar {
                 let to = known[(i + 1) % known.len()];
                 let gap = (to + ANGLES - from) % ANGLES;
                 for k in 1..gap {
-                    let t = k as f64 / gap as f64;
-                    ring[(from + k) % ANGLES] = ring[from] * (1.0 - t) + ring[to] * t;
+                    let at = (from + k) % ANGLES;
+                    ring[at] = chord([from, at, to], [ring[from], ring[to]], gap, k);
                 }
             }
         }
@@ -178,6 +178,16 @@ impl Polar {
 
 fn direction(angle: usize) -> DVec2 {
     DVec2::from_angle(TAU * angle as f64 / ANGLES as f64)
+}
+
+/// Returns the radius of the straight line between two points of a ring; of an arc if they are half a turn apart or more
+fn chord([from, at, to]: [usize; 3], radii: [f64; 2], gap: usize, step: usize) -> f64 {
+    let (a, b) = (direction(from) * radii[0], direction(to) * radii[1]);
+    if 2 * gap < ANGLES {
+        a.perp_dot(b - a) / direction(at).perp_dot(b - a)
+    } else {
+        radii[0] + (radii[1] - radii[0]) * step as f64 / gap as f64
+    }
 }
 
 fn recede(ring: &mut Ring, from: &Ring, slope: f64) {
