@@ -163,13 +163,25 @@ fn trunk(avatar: &Avatar, marks: &Marks) -> Option<Polar> {
             && weight.below(Bone::RightUpperArm) < 0.3
             && weight.below(Bone::Neck) < 0.5
     });
-    Polar::new(points, [low, marks.shoulder_mm], |_| marks.trunk_axis)
+    Polar::new(points.into_iter(), [low, marks.shoulder_mm], |_| {
+        marks.trunk_axis
+    })
 }
 
-fn places(avatar: &Avatar, of_part: impl Fn(&SkinWeight) -> bool) -> impl Iterator<Item = DVec3> {
-    let all = avatar.mesh.positions.iter().zip(&avatar.weights);
-    all.filter(move |(_, weight)| of_part(weight))
-        .map(|(place, _)| *place)
+/// Returns points of a part of the body: its vertices, and points of the edges between them
+///
+/// Vertices alone are farther apart than the levels, and leave directions empty.
+pub(super) fn places(avatar: &Avatar, of_part: impl Fn(&SkinWeight) -> bool) -> Vec<DVec3> {
+    let inside: Vec<bool> = avatar.weights.iter().map(of_part).collect();
+    let edges = avatar.mesh.edges().into_iter();
+    edges
+        .map(|edge| edge.map(|v| v as usize))
+        .filter(|edge| edge.iter().all(|&v| inside[v]))
+        .flat_map(|edge| {
+            let [a, b] = edge.map(|v| avatar.mesh.positions[v]);
+            [0.0, 0.25, 0.5, 0.75, 1.0].map(|t| a.lerp(b, t))
+        })
+        .collect()
 }
 
 fn leg(avatar: &Avatar, marks: &Marks, thigh: Bone, garment: Garment) -> Option<Drape> {
@@ -193,7 +205,7 @@ fn leg(avatar: &Avatar, marks: &Marks, thigh: Bone, garment: Garment) -> Option<
         DVec2::new(place.x, place.z)
     };
     let points = places(avatar, |weight| weight.below(thigh) > 0.5);
-    let polar = Polar::new(points, [marks.ankle_mm, marks.hip_mm], axis)?;
+    let polar = Polar::new(points.into_iter(), [marks.ankle_mm, marks.hip_mm], axis)?;
     let (high, low) = (marks.hip_mm, marks.trouser_hem_mm);
     let distances = polar.drape(|y| {
         let down = ((high - y) / (high - low).max(1.0)).clamp(0.0, 1.0);

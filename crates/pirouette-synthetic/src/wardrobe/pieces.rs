@@ -7,6 +7,7 @@ use pirouette_body::{Avatar, Bone, PerBone, SkinWeight};
 use pirouette_geom::TriMesh;
 
 use super::body::Marks;
+use super::garments::places;
 use super::polar::{ANGLES, Polar};
 use super::{Bottom, Hair, Material, Outfit, Piece, smooth_step};
 use crate::random::noise;
@@ -246,13 +247,12 @@ pub(super) fn skirt(avatar: &Avatar, marks: &Marks, outfit: &Outfit, seed: u64) 
         return None;
     };
     let hem_mm = marks.hip_mm + hem.clamp(0.1, 1.0) * (marks.ankle_mm - marks.hip_mm);
-    let body = avatar.mesh.positions.iter().zip(&avatar.weights);
-    let points = body
-        .filter(|(_, weight)| {
-            weight.below(Bone::LeftUpperArm) + weight.below(Bone::RightUpperArm) < 0.3
-        })
-        .map(|(place, _)| *place);
-    let polar = Polar::new(points, [hem_mm, marks.waist_mm], |_| marks.trunk_axis)?;
+    let points = places(avatar, |weight| {
+        weight.below(Bone::LeftUpperArm) + weight.below(Bone::RightUpperArm) < 0.3
+    });
+    let polar = Polar::new(points.into_iter(), [hem_mm, marks.waist_mm], |_| {
+        marks.trunk_axis
+    })?;
     let envelope = polar.envelope();
     let drape = polar.drape(|y| ease_mm * (1.0 - smooth_step(marks.hip_mm, marks.waist_mm, y)));
     let last = envelope.len() - 1;
