@@ -2,6 +2,7 @@
 
 use pirouette::measure::{Measure, measure_avatar};
 use pirouette::pipeline::{CancelToken, Config, Goal, Method, run};
+use pirouette::scan::{Looseness, StatedClothes};
 use pirouette_synthetic::wardrobe::{Hair, Outfit, dress};
 use pirouette_synthetic::{Appearance, SyntheticOptions, synthesize_dressed};
 use serde_json::{Value, json};
@@ -40,8 +41,35 @@ pub struct ClothesOptions {
     pub views: usize,
     /// Columns and rows of the photos
     pub photo_size_px: (usize, usize),
-    /// Outfits and their names
-    pub outfits: Vec<(String, Outfit)>,
+    /// Outfits with what is stated about them
+    pub outfits: Vec<Worn>,
+}
+
+/// An outfit with what the person states about it
+#[derive(Debug, Clone, PartialEq)]
+pub struct Worn {
+    /// Name for tables
+    pub name: String,
+    /// The outfit
+    pub outfit: Outfit,
+    /// Stated looseness of the clothes
+    pub clothes: Option<StatedClothes>,
+    /// Whether the thickness of the soles is stated
+    pub sole: bool,
+    /// Whether sex and mass are stated
+    pub mass: bool,
+}
+
+impl Worn {
+    fn new(name: &str, outfit: Outfit) -> Self {
+        Self {
+            name: name.to_owned(),
+            outfit,
+            clothes: None,
+            sole: false,
+            mass: false,
+        }
+    }
 }
 
 impl Default for ClothesOptions {
@@ -57,19 +85,34 @@ impl Default for ClothesOptions {
 }
 
 /// Returns the outfits of the study: tight clothes with each kind of hair and with shoes, then wider ones
-pub fn outfits() -> Vec<(String, Outfit)> {
+pub fn outfits() -> Vec<Worn> {
     let tight = Outfit::tight();
-    let with_hair = |hair: Hair| (hair.name().to_owned(), Outfit { hair, ..tight });
+    let with_hair = |hair: Hair| Worn::new(hair.name(), Outfit { hair, ..tight });
     let shod = Outfit {
         sole_mm: SOLE_MM,
         ..tight
     };
     let mut outfits: Vec<_> = Hair::ALL.into_iter().map(with_hair).collect();
+    let stated = |name: &str, outfit: Outfit, looseness: Looseness| Worn {
+        clothes: Some(StatedClothes::all(looseness)),
+        ..Worn::new(name, outfit)
+    };
+    let (normal, loose) = (Outfit::normal(), Outfit::loose());
     outfits.extend([
-        ("shoes".to_owned(), shod),
-        ("normal clothes".to_owned(), Outfit::normal()),
-        ("loose clothes".to_owned(), Outfit::loose()),
-        ("skirt".to_owned(), Outfit::skirt()),
+        Worn::new("shoes", shod),
+        Worn {
+            sole: true,
+            ..Worn::new("shoes, stated", shod)
+        },
+        Worn::new("normal clothes", normal),
+        stated("normal clothes, stated", normal, Looseness::Normal),
+        Worn::new("loose clothes", loose),
+        stated("loose clothes, stated", loose, Looseness::Loose),
+        Worn {
+            mass: true,
+            ..stated("loose clothes, stated with mass", loose, Looseness::Loose)
+        },
+        Worn::new("skirt", Outfit::skirt()),
     ]);
     outfits
 }
@@ -134,8 +177,9 @@ pub fn study(
     }
     let config = Config::new(Goal::Measure, Method::Fit);
     let scanned = do_all(&jobs, cancel, on_step, |&(person, outfit)| {
-        let (name, outfit) = &options.outfits[outfit];
-        let scanned = scan(person, outfit, options, &config, cancel);
+        let worn = &options.outfits[outfit];
+        let name = &worn.name;
+        let scanned = scan(person, worn, options, &config, cancel);
         let failure = scanned.error.as_ref().or(scanned.refusal.as_ref());
         let result = match failure {
             Some(text) => text.clone(),
@@ -148,7 +192,7 @@ pub fn study(
 
 fn scan(
     person: &Person,
-    outfit: &Outfit,
+    worn: &Worn,
     options: &ClothesOptions,
     config: &Config,
     cancel: &CancelToken,
@@ -158,8 +202,20 @@ fn scan(
         camera: SyntheticOptions::camera_for(person.avatar.stature_mm(), width_px, height_px),
         ..person.options(options.views, 1.0, true)
     };
-    let dressed = dress(&person.avatar, outfit, person.seed);
-    let synthetic = synthesize_dressed(&dressed, &photography, &Appearance::default());
+    let dressed = dress(&person.avatar, &worn.outfit, person.seed);
+    let mut synthetic = synthesize_dressed(&dressed, &photography, &Appearance::default());
+    let scan = &mut synthetic.scan;
+    scan.subject.clothes = worn.clothes;
+    if worn.sole {
+        let sole_mm = worn.outfit.sole_mm;
+        scan.subject.sole_mm = Some(sole_mm);
+        scan.stature_mm = scan.stature_mm.map(|barefoot| barefoot + sole_mm);
+    }
+    if worn.mass {
+        let stature_m = person.avatar.stature_mm() / 1000.0;
+        scan.subject.sex = Some(person.sex);
+        scan.subject.mass_kg = Some(person.bmi * stature_m * stature_m);
+    }
     let mut scanned = Scanned {
         overlaps: Vec::new(),
         found: [None; MEASURES.len()],
@@ -203,14 +259,14 @@ fn write_study(
         .outfits
         .iter()
         .enumerate()
-        .map(|(index, (name, _))| {
+        .map(|(index, worn)| {
             let of_outfit = jobs.iter().zip(scanned).filter(|(job, _)| job.1 == index);
-            (name.as_str(), of_outfit.map(|(_, s)| s).collect())
+            (worn.name.as_str(), of_outfit.map(|(_, s)| s).collect())
         })
         .collect();
     let tables = vec![scans_table(&rows), errors_table(&rows), shares_table(&rows)];
     let people = jobs.iter().zip(scanned).map(|((person, outfit), scanned)| {
-        person_value(person, &options.outfits[*outfit].0, scanned)
+        person_value(person, &options.outfits[*outfit].name, scanned)
     });
     ClothesStudy {
         people: people.collect(),
@@ -344,7 +400,7 @@ fn page(options: &ClothesOptions, tables: &[Table]) -> String {
         "# Clothes, shoes and hair\n\n\
          `pirouette eval clothes` generates this page. {} random people are photographed in each outfit, in {} photos of\n\
          {width_px} x {height_px} px. They sway; keypoints are those of the body. The stature of the naked, barefoot body is stated, and\n\
-         errors are those against the naked body. The first outfits are as tight as skin; normal clothes add 80 mm to the\n\
+         in some rows looseness, thickness of the soles, or sex and mass. Errors are those against the naked body. The first outfits are as tight as skin; normal clothes add 80 mm to the\n\
          girth of the trunk, loose ones 200 mm; soles are {SOLE_MM:.0} mm thick. No cloth is simulated.\n\n\
          `overlap` is the intersection over union of found and true silhouettes, over all photos; the shares of errors within\n\
          1, 2 and 3 stated standard deviations, in percent, leave out the stature, which is stated.\n\n{}",
@@ -378,7 +434,7 @@ mod tests {
         };
         options
             .outfits
-            .retain(|(name, _)| name == "shaved" || name == "loose clothes");
+            .retain(|worn| worn.name == "shaved" || worn.name == "loose clothes, stated");
         let study = study(&options, &CancelToken::default(), &mut |_| {}).unwrap();
         for table in &study.tables {
             assert_eq!(table.rows.len(), 2);
@@ -389,6 +445,10 @@ mod tests {
             overlaps.filter_map(Value::as_f64).fold(1.0, f64::min)
         };
         assert!(people.len() == 2 && worst(&people[0]) > 0.8, "{people:?}");
-        assert!(study.page.contains("| loose clothes |"), "{}", study.page);
+        assert!(
+            study.page.contains("| loose clothes, stated |"),
+            "{}",
+            study.page
+        );
     }
 }

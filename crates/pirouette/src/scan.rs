@@ -13,7 +13,7 @@ pub type Photo = Grid<[u8; 3]>;
 pub struct Scan {
     /// The pose the person tries to hold
     pub pose: ReferencePose,
-    /// Height of the person, in mm
+    /// Height of the person as photographed, from the floor to the crown, the soles of their shoes included, in mm
     pub stature_mm: Option<f64>,
     /// Source of that height
     pub stature_from: StatureFrom,
@@ -34,6 +34,12 @@ pub struct Scan {
 }
 
 impl Scan {
+    /// Returns the height of the person without the soles of their shoes, in mm
+    pub fn barefoot_mm(&self) -> Option<f64> {
+        let sole_mm = self.subject.sole_mm.unwrap_or(0.0);
+        self.stature_mm.map(|stature_mm| stature_mm - sole_mm)
+    }
+
     /// Returns the number of given views, including unusable ones
     pub fn given_view_count(&self) -> usize {
         self.views.len() + self.unusable_view_count
@@ -86,6 +92,8 @@ pub struct Subject {
     pub stature_sd_mm: Option<f64>,
     /// Clothes that the person wears
     pub clothes: Option<StatedClothes>,
+    /// Thickness of the soles below the heels, in mm; 0 is barefoot
+    pub sole_mm: Option<f64>,
 }
 
 /// How loosely a part is covered

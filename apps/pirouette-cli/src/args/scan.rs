@@ -342,7 +342,8 @@ Tight clothes are best. Others are recognized by girths that no body has with th
 \"clothes\": \"tight\", \"normal\", \"loose\", or { \"top\": \"loose\", \"bottom\": \"tight\" } in `subject`, or --clothes. Measures
 of covered parts are then those of the body below, as far as stature, mass and everything that is seen determine them by the
 covariances of a survey, with standard deviations of 20 to 60 mm; the same holds for a neck or a head below hair.
---surface clothed measures clothes and hair instead.
+--surface clothed measures clothes and hair instead. The stature is that of the barefoot person; in shoes, give the thickness of
+the soles below the heels, \"sole_mm\": 25, beside it: heights are then those above the soles.
 
 Turn angles that are unknown are `\"angle_deg\": null`, or `--angles unknown` for all: they are found by the joints of at least
 four photos, and turn 0 is where the person faces the camera, or as the stated angles have it. Stated angles are a prior: their

@@ -28,6 +28,7 @@ const PITCH_DEG: RangeInclusive<f64> = -80.0..=80.0;
 const YAW_DEG: RangeInclusive<f64> = -60.0..=60.0;
 const ANGLE_DEG: RangeInclusive<f64> = -3600.0..=3600.0;
 const STATURE_SD_MM: RangeInclusive<f64> = 1.0..=100.0;
+const SOLE_MM: RangeInclusive<f64> = 0.0..=150.0;
 const ANGLE_SD_DEG: RangeInclusive<f64> = 0.5..=45.0;
 
 /// A checked manifest
@@ -35,7 +36,7 @@ const ANGLE_SD_DEG: RangeInclusive<f64> = 0.5..=45.0;
 pub struct Manifest {
     /// The intended pose of the person
     pub pose: ReferencePose,
-    /// Height of the person, in mm
+    /// Height of the barefoot person, in mm
     pub stature_mm: Option<f64>,
     /// Size of a pixel at the turning axis, in mm
     pub mm_per_px: Option<f64>,
@@ -208,6 +209,7 @@ struct SubjectFile {
     mass_kg: Option<f64>,
     age_years: Option<f64>,
     clothes: Option<ClothesFile>,
+    sole_mm: Option<f64>,
 }
 
 /// One looseness for all clothes, or one each for those above and below the waist
@@ -304,6 +306,7 @@ pub fn parse_manifest(json: &[u8]) -> Result<Manifest, ManifestError> {
                 "subject.stature_sd_mm".into()
             })?,
             clothes: subject.clothes.map(ClothesFile::statement),
+            sole_mm: within(subject.sole_mm, SOLE_MM, || "subject.sole_mm".into())?,
         },
         camera: CameraSetup {
             vertical_fov_radians: within(camera.vertical_fov_deg, VERTICAL_FOV_DEG, || {

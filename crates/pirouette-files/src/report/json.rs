@@ -46,6 +46,7 @@ pub fn measurements_json(measurements: &Measurements, advice: &[Advice]) -> Valu
         age_years,
         stature_sd_mm,
         clothes,
+        sole_mm,
     } = measurements.subject;
     if measurements.subject != Subject::default() {
         file["subject"] = json!({
@@ -55,6 +56,9 @@ pub fn measurements_json(measurements: &Measurements, advice: &[Advice]) -> Valu
         });
         if let Some(sd_mm) = stature_sd_mm {
             file["subject"]["stature_sd_mm"] = json!(sd_mm);
+        }
+        if let Some(sole_mm) = sole_mm {
+            file["subject"]["sole_mm"] = json!(sole_mm);
         }
         if let Some(StatedClothes { top, bottom }) = clothes {
             file["subject"]["clothes"] = json!({ "top": top, "bottom": bottom });

@@ -359,7 +359,9 @@ pub fn load_source(source: Source, options: &LoadOptions) -> Result<LoadedScan, 
     Ok(LoadedScan {
         scan: Scan {
             pose: manifest.pose,
-            stature_mm: manifest.stature_mm,
+            stature_mm: manifest
+                .stature_mm
+                .map(|barefoot| barefoot + manifest.subject.sole_mm.unwrap_or(0.0)),
             stature_from: StatureFrom::default(),
             mm_per_px: manifest.mm_per_px,
             subject: manifest.subject,

@@ -526,6 +526,7 @@ fn a_written_scan_reads_back_unchanged() {
             mass_kg: Some(61.5),
             age_years: Some(30.0),
             stature_sd_mm: Some(4.0),
+            sole_mm: Some(22.0),
             clothes: Some(StatedClothes {
                 top: Looseness::Loose,
                 bottom: Looseness::Tight,

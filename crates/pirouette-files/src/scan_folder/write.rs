@@ -136,7 +136,8 @@ fn manifest_of(scan: &Scan) -> serde_json::Value {
         "pose": match scan.pose { ReferencePose::A => "a", ReferencePose::T => "t" },
     });
     let subject = [
-        ("stature_mm", scan.stature_mm),
+        ("stature_mm", scan.barefoot_mm()),
+        ("sole_mm", scan.subject.sole_mm),
         ("mass_kg", scan.subject.mass_kg),
         ("age_years", scan.subject.age_years),
         ("stature_sd_mm", scan.subject.stature_sd_mm),

@@ -57,6 +57,23 @@ pub(super) fn stature(input: &MeasureInput) -> Measured {
     Measured::of(height.map(exact).ok_or(Unavailable::NoBody), Method::Body)
 }
 
+/// Returns whether a measure is a height above the floor, which shoes increase
+pub(super) fn is_above_floor(measure: Measure) -> bool {
+    matches!(
+        measure,
+        Measure::Stature
+            | Measure::CrotchHeight
+            | Measure::BustHeight
+            | Measure::WaistHeight
+            | Measure::HipHeight
+            | Measure::NapeHeight
+            | Measure::ShoulderHeight
+            | Measure::UnderbustHeight
+            | Measure::KneeHeight
+            | Measure::NarrowestWaistHeight
+    )
+}
+
 /// Standard deviation of a height or length on the fitted body, in mm: from photos, and by given masks
 ///
 /// Chosen so that 68 % of the errors of random people lie within it.

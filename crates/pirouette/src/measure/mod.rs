@@ -68,7 +68,7 @@ pub struct MeasureInput<'a> {
     pub source: BodySource,
     /// Silhouettes of the person
     pub views: &'a [MeasureView<'a>],
-    /// Height of the person, if known; without it, results are in units of the stature
+    /// Height of the person with the soles of their shoes, if known; without it, results are in units of the stature
     pub stature_mm: Option<f64>,
     /// Source of the stature
     pub stature_from: StatureFrom,
@@ -134,6 +134,17 @@ impl<'a> MeasureInput<'a> {
             surface: Surface::Clothed,
             skirt: false,
         }
+    }
+
+    /// Returns the stated thickness of the soles, in mm; 0 if it is unknown
+    fn sole_mm(&self) -> f64 {
+        self.subject.sole_mm.unwrap_or(0.0)
+    }
+
+    /// Returns the height of the person without shoes, in mm
+    fn barefoot_mm(&self) -> Option<f64> {
+        self.stature_mm
+            .map(|stature_mm| stature_mm - self.sole_mm())
     }
 
     /// Returns whether the body was fitted to a mesh: then only what joints determine is as uncertain as they are
@@ -229,6 +240,10 @@ pub fn measure(input: &MeasureInput) -> Measurements {
         let measured = measured
             .with_more_sd(|value_mm| extra_sd.of(measure, value_mm))
             .with_scale_sd(scale_sd);
+        let measured = match lengths::is_above_floor(measure) {
+            true => measured.lowered_by(input.sole_mm()),
+            false => measured,
+        };
         // Statistics of a mass that the body contradicts would only hide the contradiction.
         if contradiction > 0.0 {
             (measure, measured)

@@ -55,7 +55,7 @@ pub(super) fn expect(
 pub(super) fn support(input: &MeasureInput, measure: Measure, measured: Measured) -> Measured {
     let subject = input.subject;
     let (Some(sex), Some(mass_kg), Some(stature_mm)) =
-        (subject.sex, subject.mass_kg, input.stature_mm)
+        (subject.sex, subject.mass_kg, input.barefoot_mm())
     else {
         return measured;
     };

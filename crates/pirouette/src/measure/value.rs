@@ -166,6 +166,15 @@ impl Measured {
         })
     }
 
+    /// Subtracts the thickness of the soles from a height above the floor
+    pub(super) fn lowered_by(mut self, sole_mm: f64) -> Self {
+        self.value_mm = self.value_mm.map(|value_mm| value_mm - sole_mm);
+        for side in [&mut self.left_mm, &mut self.right_mm] {
+            *side = side.map(|value_mm| value_mm - sole_mm);
+        }
+        self
+    }
+
     /// Adds an independent standard deviation, a function of the value
     pub(super) fn with_more_sd(mut self, sd_mm: impl Fn(f64) -> f64) -> Self {
         if let (Ok(value), Some(sd)) = (self.value_mm, self.sd_mm) {

@@ -16,6 +16,7 @@ use pirouette_body::survey::holds_for;
 
 use crate::scan::{Looseness, StatedClothes};
 
+use super::lengths::is_above_floor;
 use super::{BodyMass, Estimate, Measure, MeasureInput, Measured, Method};
 use model::{Inferred, MEASURES, Person, infer};
 
@@ -143,6 +144,12 @@ const MIN_COVERED: f64 = 0.25;
 /// Standard deviation of lengths over clothes, as a share of them: seams and landmarks are hidden
 const LENGTH_SHARE: f64 = 0.03;
 
+/// Standard deviation of heights due to shoes of unknown thickness, in mm
+const UNKNOWN_SOLE_MM: f64 = 25.0;
+
+/// Standard deviation of the height of hair above the crown, in mm
+const HAIR_MM: f64 = 20.0;
+
 /// Standard deviation of heights and lengths at the crotch below a skirt, as a share: only joints show where it is
 const SKIRT_SHARE: f64 = 0.05;
 
@@ -223,7 +230,7 @@ pub(super) fn look_below(
     mass: &mut Option<BodyMass>,
 ) -> Option<Clothes> {
     let subject = input.subject;
-    let stature_mm = input.stature_mm?;
+    let stature_mm = input.barefoot_mm()?;
     if input.surface == Surface::Clothed || !holds_for(stature_mm, subject.age_years) {
         return None;
     }
@@ -296,6 +303,26 @@ pub(super) fn look_below(
         if measured.value_mm != Ok(visible.value_mm) {
             measured.left_mm = None;
             measured.right_mm = None;
+        }
+    }
+    let covered = |part: Part| match clothes.covers(part) {
+        true => clothes.covering(part).map_or(0.0, |found| found.covered),
+        false => 0.0,
+    };
+    let sole_mm = match subject.sole_mm {
+        Some(_) => 0.0,
+        None => UNKNOWN_SOLE_MM * covered(Part::Foot),
+    };
+    let hair_mm = HAIR_MM * covered(Part::Head);
+    for (measure, measured) in values.iter_mut() {
+        if *measure != Measure::Stature {
+            let above_floor_mm = match is_above_floor(*measure) {
+                true => sole_mm,
+                false => 0.0,
+            };
+            // The photographed height is that of the body with both: the scale depends on them.
+            let taller = sole_mm.hypot(hair_mm) / stature_mm;
+            *measured = measured.with_more_sd(|value_mm| above_floor_mm.hypot(taller * value_mm));
         }
     }
     if let Some(mass) = mass

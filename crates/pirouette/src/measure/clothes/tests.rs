@@ -218,3 +218,49 @@ fn a_covered_part_changes_only_its_measures_and_says_so() {
         }
     }
 }
+
+#[test]
+fn a_stated_sole_is_subtracted_from_heights_alone() {
+    let avatar = woman(STATURE_MM);
+    let barefoot = measure(&MeasureInput::of_avatar(&avatar));
+    let mut input = MeasureInput::of_avatar(&avatar);
+    input.subject.sole_mm = Some(30.0);
+    let shod = measure(&input);
+    for (measure, found) in shod.iter() {
+        let less_mm = match measure.name() {
+            "stature" => 30.0,
+            name if name.ends_with("_height") => 30.0,
+            _ => 0.0,
+        };
+        let expected = barefoot.value_mm(measure).map(|mm| mm - less_mm);
+        assert_eq!(found.value_mm.ok(), expected, "{measure:?}");
+    }
+}
+
+#[test]
+fn shoes_of_unknown_thickness_widen_heights_and_the_scale() {
+    let avatar = woman(STATURE_MM);
+    let input = MeasureInput {
+        surface: Surface::Body,
+        ..MeasureInput::of_avatar(&avatar)
+    };
+    let seen = measure(&MeasureInput::of_avatar(&avatar));
+    let mut values: Vec<(Measure, Measured)> = seen.iter().map(|(m, v)| (m, *v)).collect();
+    for (measure, measured) in &mut values {
+        if *measure == Measure::FootLength {
+            measured.value_mm = measured.value_mm.map(|mm| mm + 35.0);
+        }
+    }
+    let clothes = look_below(&input, &mut values, &mut None).expect("the survey holds");
+    assert!(clothes.covers(Part::Foot), "{clothes:?}");
+    let sd_mm = |wanted: Measure| {
+        let (_, found) = values.iter().find(|(m, _)| *m == wanted).expect("present");
+        found.sd_mm.expect("known")
+    };
+    assert!(sd_mm(Measure::CrotchHeight) > 15.0);
+    assert!(sd_mm(Measure::HipGirth) > seen.get(Measure::HipGirth).sd_mm.expect("known"));
+    assert_eq!(
+        Some(sd_mm(Measure::Stature)),
+        seen.get(Measure::Stature).sd_mm
+    );
+}
