@@ -41,6 +41,7 @@ fn complete_jobs(c: &mut Criterion) {
                 page_title: None,
                 charts: &built_in_charts(),
                 exports: &[],
+                ..ResultOptions::default()
             };
             write_results(&results, &loaded, 0.0, &report, &options)
                 .expect("results can be written");

@@ -74,6 +74,7 @@ pub fn run(args: &DemoArgs, output: Output, quiet: bool, cancel: &CancelToken) -
         page_title: args.report.then_some("a rendered person"),
         charts: &charts,
         exports: &[],
+        ..ResultOptions::default()
     };
     let job_options = JobOptions {
         pose_model: pose_model.as_ref(),

@@ -334,6 +334,7 @@ fn eval_scans(
         page_title: None,
         charts: &charts,
         exports: &[],
+        ..ResultOptions::default()
     };
     let folders = with_truth(&args.folders)?;
     let mut scores = Vec::new();

@@ -76,6 +76,7 @@ pub fn write_and_print(
     let charts = charts(args.chart.as_deref())?;
     let options = ResultOptions {
         formats: &formats,
+        body_pose: args.body_pose.of_results(),
         page_title: args.report.then_some(title),
         charts: &charts,
         exports: &exports,

@@ -52,8 +52,34 @@ pub fn run(args: &SizeArgs, output: Output) -> Result<()> {
     if advice.is_empty() {
         bail!("the chart is for the other sex; pass --sex or another chart");
     }
+    let estimates = below_clothes(&found, &advice);
+    let mut text = size_lines(&advice);
+    if !estimates.is_empty() {
+        let listed: Vec<String> = estimates
+            .iter()
+            .map(|(key, sd_mm)| format!("{} ± {sd_mm:.0} mm", key.replace('_', " ")))
+            .collect();
+        text.push_str(&format!(
+            "\nmeasured through clothes, as estimates of the body below: {}",
+            listed.join(", ")
+        ));
+    }
+    let keys: Vec<&String> = estimates.iter().map(|(key, _)| key).collect();
     output.done(
-        &size_lines(&advice),
-        || json!({ "ok": true, "sizes": advice }),
+        &text,
+        || json!({ "ok": true, "sizes": advice, "below_clothes": keys }),
     )
+}
+
+/// Returns the measures of the charts that are estimates below clothes, with their standard deviations
+fn below_clothes(found: &Value, advice: &[Advice]) -> Vec<(String, f64)> {
+    let mut estimates: Vec<(String, f64)> = Vec::new();
+    for (key, _) in advice.iter().flat_map(|advice| &advice.by_measure) {
+        let details = &found["details"][key];
+        let is_new = estimates.iter().all(|(other, _)| other != key);
+        if is_new && details["method"] == "below_clothes" {
+            estimates.push((key.clone(), details["sd_mm"].as_f64().unwrap_or_default()));
+        }
+    }
+    estimates
 }

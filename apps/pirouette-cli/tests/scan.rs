@@ -297,6 +297,7 @@ fn a_zip_file_is_scanned_like_its_folder_and_like_memory() {
         page_title: None,
         charts: &built_in_charts(),
         exports: &[ExportFormat::Csv],
+        ..ResultOptions::default()
     };
     let artifacts = done.artifacts(&options).unwrap();
     assert!(artifacts.len() > 10);

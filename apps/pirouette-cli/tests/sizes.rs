@@ -41,6 +41,23 @@ fn sizes_of_a_result_file_may_be_not_sure() {
 }
 
 #[test]
+fn sizes_by_estimates_below_clothes_say_so() {
+    let folders = Folders::empty();
+    let mut found: serde_json::Value = serde_json::from_str(&measurements(980.0, 40.0)).unwrap();
+    let file = folders.write("measurements.json", found.to_string());
+    let stdout = pirouette(&["size", text(&file)]).exits_with(0).stdout();
+    assert!(!stdout.contains("clothes:"), "{stdout}");
+    found["details"]["bust_girth"]["method"] = json!("below_clothes");
+    let file = folders.write("measurements.json", found.to_string());
+    let stdout = pirouette(&["size", text(&file)]).exits_with(0).stdout();
+    let last = stdout.trim_end().lines().last().unwrap();
+    assert!(
+        last.contains("through clothes") && last.ends_with(": bust girth ± 40 mm"),
+        "{stdout}"
+    );
+}
+
+#[test]
 fn a_custom_chart_replaces_the_built_in_ones() {
     let folders = Folders::empty();
     let file = folders.write("measurements.json", measurements(980.0, 15.0));

@@ -67,5 +67,6 @@ fn scan_bytes(
         page_title: Some(name),
         charts: &charts,
         exports: &[],
+        ..ResultOptions::default()
     })?)
 }

@@ -3,6 +3,7 @@
 //! Keys are stable, lengths in mm or in px of the original photo, angles in degrees. In an existing folder, files are
 //! replaced one by one; `result.json` lists them, so that the next job can remove those that it does not replace.
 
+mod body_pose;
 #[cfg(feature = "folders")]
 mod earlier;
 mod view_json;
@@ -17,6 +18,7 @@ use pirouette_segment::border::sharpen_mask;
 use serde_json::{Map, Value, json};
 use thiserror::Error;
 
+pub use body_pose::BodyPose;
 #[cfg(feature = "folders")]
 use earlier::EarlierResult;
 #[cfg(feature = "folders")]
@@ -78,6 +80,8 @@ const PAGE_OVERLAY_PX: usize = 900;
 pub struct ResultOptions<'a> {
     /// File formats of the body
     pub formats: &'a [MeshFormat],
+    /// Pose of the body in these files; a carved body, which has no bones, stays in the reference pose
+    pub body_pose: BodyPose,
     /// Title of `report.html`; `None` omits the page
     pub page_title: Option<&'a str>,
     /// Size charts; see [`pirouette::sizes`]
@@ -170,7 +174,7 @@ fn write_artifacts(
     };
     let (body, written) = pirouette_geom::parallel::join(
         || DrawnBody::new(report),
-        || write_bodies(sink, report, options.formats),
+        || write_bodies(sink, report, options),
     );
     written?;
     let (contact_sheet, residuals, tapes, page_overlays) = pictures(body.as_ref())?;
@@ -205,30 +209,29 @@ fn write_artifacts(
 }
 
 /// Writes the body, and the hull if there is one, in each format
-fn write_bodies(sink: &Sink, report: &Report, formats: &[MeshFormat]) -> Result<(), ResultError> {
+fn write_bodies(sink: &Sink, report: &Report, options: &ResultOptions) -> Result<(), ResultError> {
     // The lengths of a body that is not measured are wrong, too.
     if report.refusal.is_some() {
         return Ok(());
     }
     // A fitted body has bones and colors.
-    let body = report
-        .body
-        .as_ref()
-        .map(|mesh| match (&report.fit, &report.dressed) {
-            (_, Some(dressed)) => BodyMesh {
-                colors: dressed.colors.as_ref().map(|colors| &colors.srgb[..]),
-                ..BodyMesh::from(&dressed.avatar)
-            },
-            (Some(fit), None) => BodyMesh {
-                colors: report.colors.as_ref().map(|colors| &colors.srgb[..]),
-                ..BodyMesh::from(&fit.avatar)
-            },
-            (None, None) => BodyMesh::from(mesh),
-        });
+    let fitted = match (&report.fit, &report.dressed) {
+        (_, Some(dressed)) => Some((&dressed.avatar, dressed.colors.as_ref())),
+        (Some(fit), None) => Some((&fit.avatar, report.colors.as_ref())),
+        (None, None) => None,
+    };
+    let posed = fitted.and_then(|(avatar, _)| options.body_pose.of(avatar, report));
+    let body = report.body.as_ref().map(|mesh| match fitted {
+        Some((avatar, colors)) => BodyMesh {
+            colors: colors.map(|colors| &colors.srgb[..]),
+            ..BodyMesh::from(posed.as_ref().unwrap_or(avatar))
+        },
+        None => BodyMesh::from(mesh),
+    });
     let hull = report.hull.as_ref().map(BodyMesh::from);
     for (name, body) in [("body", body), ("hull", hull)] {
         if let Some(body) = body {
-            for format in formats {
+            for format in options.formats {
                 let name = format!("{name}.{}", format.extension());
                 sink.put(&name, format.write(body))?;
             }

@@ -91,6 +91,7 @@ fn folder_zip_and_memory_give_the_same_bytes() {
         page_title: Some("Anna"),
         charts: &charts,
         exports: &[ExportFormat::Csv],
+        ..ResultOptions::default()
     };
     let from_folder = finished(Source::open(scan_folder.path()).unwrap());
     let artifacts = from_folder.artifacts(&options).unwrap();

@@ -10,7 +10,7 @@ use pirouette::mesh_scan::{AxisDirection, MeshUnit};
 use pirouette::scan;
 use pirouette_files::formats::export::ExportFormat;
 use pirouette_files::formats::mesh::MeshFormat;
-use pirouette_files::job;
+use pirouette_files::{job, results};
 
 use super::Sex;
 
@@ -54,6 +54,11 @@ pub struct ScanArgs {
         default_value = "ply"
     )]
     pub format: Vec<Format>,
+
+    /// Pose of the body: `reference` has the arms of the mannequin and the trunk and legs of the photos; `photographed` is
+    /// that of the front view; `a` and `t` have straight arms
+    #[arg(long, value_enum, value_name = "POSE", default_value_t = BodyPose::Reference)]
+    pub body_pose: BodyPose,
 
     /// Also write report.html: all results on one self-contained page
     #[arg(long)]
@@ -142,6 +147,27 @@ impl Axis {
             Axis::NegX => AxisDirection::NegX,
             Axis::NegY => AxisDirection::NegY,
             Axis::NegZ => AxisDirection::NegZ,
+        }
+    }
+}
+
+/// Value of `--body-pose`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum BodyPose {
+    Reference,
+    Photographed,
+    A,
+    T,
+}
+
+impl BodyPose {
+    /// Returns the corresponding value of the library
+    pub fn of_results(self) -> results::BodyPose {
+        match self {
+            BodyPose::Reference => results::BodyPose::Reference,
+            BodyPose::Photographed => results::BodyPose::Photographed,
+            BodyPose::A => results::BodyPose::A,
+            BodyPose::T => results::BodyPose::T,
         }
     }
 }
