@@ -224,6 +224,12 @@ fn summary(done: &FinishedJob, out: &Path, charts: &[Chart]) -> String {
                 "volume", mass.volume_l, "body mass", mass.mass_kg, mass.mass_sd_kg
             ));
         }
+        if let Some(clothes) = &measurements.clothes
+            && clothes.stated.is_none()
+            && clothes.covered().next().is_none()
+        {
+            text.push_str("\nassumes tight clothes; state others by --clothes normal or loose");
+        }
         if measurements.in_mm() && measurements.subject.sex.is_some() {
             text.push('\n');
             text.push_str(&size_lines(&advise_person(measurements, charts)));

@@ -400,8 +400,9 @@ fn page(options: &ClothesOptions, tables: &[Table]) -> String {
         "# Clothes, shoes and hair\n\n\
          `pirouette eval clothes` generates this page. {} random people are photographed in each outfit, in {} photos of\n\
          {width_px} x {height_px} px. They sway; keypoints are those of the body. The stature of the naked, barefoot body is stated, and\n\
-         in some rows looseness, thickness of the soles, or sex and mass. Errors are those against the naked body. The first outfits are as tight as skin; normal clothes add 80 mm to the\n\
-         girth of the trunk, loose ones 200 mm; soles are {SOLE_MM:.0} mm thick. No cloth is simulated.\n\n\
+         in some rows looseness, thickness of the soles, or sex and mass. Errors are those against the naked body. The first\n\
+         outfits are as tight as skin; normal clothes add 80 mm to the girth of the trunk, loose ones 200 mm; soles are\n\
+         {SOLE_MM:.0} mm thick. No cloth is simulated. A view without a silhouette has an overlap of 0.\n\n\
          `overlap` is the intersection over union of found and true silhouettes, over all photos; the shares of errors within\n\
          1, 2 and 3 stated standard deviations, in percent, leave out the stature, which is stated.\n\n{}",
         options.people,

@@ -77,7 +77,15 @@ pub(crate) fn draw_contact_sheet(
     report: &Report,
     body: Option<&DrawnBody>,
 ) -> Photo {
-    let colors = report.colors.as_ref().map(SurfaceColors::to_linear);
+    let dressed = report.dressed.as_ref().map(|dressed| {
+        let mesh = SilhouetteMesh::new(&dressed.avatar.mesh.triangles);
+        (&dressed.avatar, mesh)
+    });
+    let colors = match &report.dressed {
+        Some(dressed) => dressed.colors.as_ref(),
+        None => report.colors.as_ref(),
+    };
+    let colors = colors.map(SurfaceColors::to_linear);
     let skeleton = report.skeleton.as_ref();
     let reference = skeleton.map(|_| &report.normalization_reference().mesh);
     let of_reference = reference.map(|mesh| match body {
@@ -99,12 +107,18 @@ pub(crate) fn draw_contact_sheet(
             // A fitted body can be posed as in the photo, for comparison.
             let body = body.zip(camera);
             let body = body.and_then(|(DrawnBody { surface, mesh }, (camera, turn))| {
-                Some(match &report.fit {
-                    Some(fit) => {
+                Some(match (&dressed, &report.fit) {
+                    (Some((avatar, mesh)), _) => {
+                        let positions = avatar.posed(&found.fit?.pose, turn).positions;
+                        render::shade(mesh, &positions, colors.as_deref(), &camera)
+                    }
+                    (None, Some(fit)) => {
                         let positions = posed(fit, &found.fit?.pose, turn);
                         render::shade(mesh, &positions, colors.as_deref(), &camera)
                     }
-                    None => render::shade(mesh, &turned(&surface.positions, turn), None, &camera),
+                    (None, None) => {
+                        render::shade(mesh, &turned(&surface.positions, turn), None, &camera)
+                    }
                 })
             });
             (reference, body)
