@@ -34,7 +34,7 @@ const PART_COUNT: usize = Part::ALL.len();
 /// Standard deviation of a measure around the definition of the survey, as a share of it; the survey's waist is at the navel
 fn definition_sd(measure: Measure) -> f64 {
     match measure {
-        Measure::WaistGirth | Measure::ForearmGirth => 0.04,
+        Measure::NeckGirth | Measure::WaistGirth | Measure::ForearmGirth => 0.04,
         Measure::ThighGirth
         | Measure::AnkleGirth
         | Measure::UpperArmGirth
