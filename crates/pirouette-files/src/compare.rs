@@ -92,6 +92,11 @@ impl ComparedResult {
         self.measurements["measurements_mm"][measure.name()].as_f64()
     }
 
+    /// Returns whether a measure is an estimate below clothes, which are the surface of the body here
+    fn is_below_clothes(&self, measure: Measure) -> bool {
+        self.measurements["details"][measure.name()]["method"] == "below_clothes"
+    }
+
     fn detail(&self, measure: Measure, key: &str) -> Option<f64> {
         self.measurements["details"][measure.name()][key].as_f64()
     }
@@ -185,13 +190,20 @@ const LOCKED: [Measure; 5] = [
 /// A section differs from the tape by less than this share, or it belongs to other parts of the body
 const SECTION_TOLERANCE: f64 = 0.03;
 
-/// Returns the difference of a girth at the level of the first body; `None` without bodies or sections of the trunk
+/// Returns the difference of a girth at the level of the first body; `None` without bodies or sections of the trunk, and for
+/// estimates below clothes
 fn locked_difference(
     first: &ComparedResult,
     second: &ComparedResult,
     measure: Measure,
     statures: Option<(f64, f64)>,
 ) -> Option<f64> {
+    if [first, second]
+        .iter()
+        .any(|result| result.is_below_clothes(measure))
+    {
+        return None;
+    }
     let (first_body, second_body) = (first.body.as_ref()?, second.body.as_ref()?);
     let (first_stature, second_stature) = statures?;
     let level_mm = first
@@ -289,6 +301,21 @@ mod tests {
                 .iter()
                 .all(|color| *color == UNCHANGED.map(|c| c as u8))
         );
+    }
+
+    #[test]
+    fn estimates_below_clothes_are_compared_by_their_values() {
+        let (before, mut after) = (result(62.0), result(74.0));
+        let name = Measure::HipGirth.name();
+        after.measurements["details"][name]["method"] = serde_json::json!("below_clothes");
+        after.measurements["measurements_mm"][name] = serde_json::json!(1000.0);
+        let changes = compare(&before, &after);
+        let hip = changes
+            .iter()
+            .find(|c| c.measure == Measure::HipGirth)
+            .unwrap();
+        assert!(!hip.same_level);
+        assert_eq!(hip.difference_mm, hip.second_mm - hip.first_mm);
     }
 
     #[test]

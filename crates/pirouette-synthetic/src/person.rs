@@ -34,7 +34,7 @@ pub(super) struct Look {
 
 /// Distance along x, in mm, by which the places of each further material are moved
 ///
-/// The renderer interpolates three numbers: the place also tells the material. Pieces share no triangles with the body.
+/// The renderer interpolates three numbers: the place also encodes the material. Pieces share no triangles with the body.
 const MATERIAL_MM: f64 = 16384.0;
 
 impl Look {

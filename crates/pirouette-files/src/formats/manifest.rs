@@ -220,10 +220,14 @@ struct SubjectFile {
 )]
 enum ClothesFile {
     All(LoosenessName),
-    Parts {
-        top: LoosenessName,
-        bottom: LoosenessName,
-    },
+    Parts(ClothesParts),
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(deny_unknown_fields)]
+struct ClothesParts {
+    top: LoosenessName,
+    bottom: LoosenessName,
 }
 
 #[derive(Deserialize, Clone, Copy)]
@@ -248,7 +252,7 @@ impl ClothesFile {
     fn statement(self) -> StatedClothes {
         match self {
             ClothesFile::All(looseness) => StatedClothes::all(looseness.looseness()),
-            ClothesFile::Parts { top, bottom } => StatedClothes {
+            ClothesFile::Parts(ClothesParts { top, bottom }) => StatedClothes {
                 top: top.looseness(),
                 bottom: bottom.looseness(),
             },
@@ -459,7 +463,8 @@ mod tests {
         };
         let json = r#"{ "top": "normal", "bottom": "tight" }"#;
         assert_eq!(clothes(json).unwrap(), Some(parts));
-        for wrong in [r#""baggy""#, "3", r#"{ "top": "loose" }"#] {
+        let unknown = r#"{ "top": "loose", "bottom": "loose", "hat": "loose" }"#;
+        for wrong in [r#""baggy""#, "3", r#"{ "top": "loose" }"#, unknown] {
             let message = clothes(wrong).unwrap_err().to_string();
             assert!(
                 message.contains(r#""tight", "normal" or "loose""#),

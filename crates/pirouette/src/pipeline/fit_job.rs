@@ -54,7 +54,6 @@ impl Job<'_> {
             self.fit_all(report, options)?;
         }
         self.fit_to_mesh(report)?;
-        cover_legs(report);
         adopt_camera(report);
         adopt_turns(report);
         // Pictures and the judgment of the body compare it with what was detected.
@@ -111,6 +110,7 @@ impl Job<'_> {
                     ..fit
                 });
             }
+            cover_legs(report);
         }
         Ok(())
     }
@@ -194,6 +194,7 @@ impl Job<'_> {
         for (view, fit) in report.views.iter_mut().zip(fitted_views) {
             view.fit = Some(fit);
         }
+        cover_legs(report);
         Ok(())
     }
 

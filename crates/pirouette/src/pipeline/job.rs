@@ -24,6 +24,7 @@ use crate::pipeline::{
 use crate::scan::{KeypointKind, KeypointSource, Scan, Subject, View};
 use crate::segment::{SegmentError, SegmentOptions, SegmentView, Silhouette, segment};
 use crate::skeleton_fit::{KeypointView, Skeleton, SkeletonFitOptions, SkeletonView, fit_skeleton};
+use crate::skirt::Skirt;
 use crate::view::{SolvedView, ViewId};
 
 /// A running job
@@ -262,10 +263,10 @@ impl<'a> Job<'a> {
     /// Samples the colors of the fitted body
     pub(super) fn color(&mut self, report: &mut Report) -> Result<(), PipelineError> {
         let scan = self.scan;
-        let (Some(fit), views) = (&report.fit, &report.views) else {
+        let (Some(fit), views, skirt) = (&report.fit, &report.views, report.skirt) else {
             return Ok(());
         };
-        report.colors = self.stage(Stage::Color, 1, |_| {
+        (report.colors, report.dressed) = self.stage(Stage::Color, 1, |_| {
             let views: Vec<ColorView> = views
                 .iter()
                 .map(|view| ColorView {
@@ -276,14 +277,12 @@ impl<'a> Job<'a> {
                     pose: view.fit.map_or(view.skeleton().pose, |fit| fit.pose),
                 })
                 .collect();
-            color_surface(&fit.avatar, &views, &ColorOptions::default())
+            let colors = color_surface(&fit.avatar, &views, &ColorOptions::default());
+            let dressed = skirt.and_then(|skirt| skirt.dress(&fit.avatar, colors.as_ref()));
+            (colors, dressed)
         })?;
-        if let (Some(skirt), Some(fit)) = (report.skirt, &report.fit) {
-            let (avatar, colors) = (&fit.avatar, report.colors.as_ref());
-            report.dressed = self.stage(Stage::Color, 1, |_| skirt.dress(avatar, colors))?;
-            self.warn(Warning::Skirt {
-                hem_mm: skirt.hem_mm,
-            });
+        if let Some(Skirt { hem_mm }) = report.skirt {
+            self.warn(Warning::Skirt { hem_mm });
         }
         Ok(())
     }

@@ -287,16 +287,15 @@ pub(super) fn look_below(
                     sd_mm: (visible.sd_mm * ratio).hypot(share * value_mm),
                 }
             }
+            // A height or a length: what is seen, less accurately
             _ => {
                 let covered = clothes.covering(part).map_or(0.0, |found| found.covered);
                 let share = match part {
                     Part::Bottom if input.skirt => SKIRT_SHARE,
                     _ => LENGTH_SHARE * covered,
                 };
-                Estimate {
-                    value_mm: visible.value_mm,
-                    sd_mm: visible.sd_mm.hypot(share * visible.value_mm),
-                }
+                *measured = measured.with_more_sd(|value_mm| share * value_mm);
+                continue;
             }
         };
         measured.value_mm = Ok(body.value_mm);
@@ -305,10 +304,8 @@ pub(super) fn look_below(
         measured.pixels = Some(visible);
         measured.prior = None;
         // Both sides are seen, not the body.
-        if measured.value_mm != Ok(visible.value_mm) {
-            measured.left_mm = None;
-            measured.right_mm = None;
-        }
+        measured.left_mm = None;
+        measured.right_mm = None;
     }
     let covered = |part: Part| match clothes.covers(part) {
         true => clothes.covering(part).map_or(0.0, |found| found.covered),

@@ -1,6 +1,6 @@
 use super::model::{Inferred, MEASURES, Person, infer};
 use super::*;
-use crate::measure::measure;
+use crate::measure::{Measurements, measure};
 use pirouette_body::Avatar;
 use pirouette_body::mannequin::{MannequinParameters, mannequin};
 
@@ -155,7 +155,7 @@ fn a_statement_decides_what_the_girths_leave_open() {
 }
 
 /// Measures an avatar as a photographed person whose body is wanted
-fn measured(avatar: &Avatar, age_years: Option<f64>) -> crate::measure::Measurements {
+fn measured(avatar: &Avatar, age_years: Option<f64>) -> Measurements {
     let mut input = MeasureInput::of_avatar(avatar);
     input.surface = Surface::Body;
     input.subject.age_years = age_years;
@@ -190,8 +190,8 @@ fn the_survey_of_adults_is_not_used_for_children() {
     assert!(measured(&woman(STATURE_MM), Some(40.0)).clothes.is_some());
 }
 
-#[test]
-fn a_covered_part_changes_only_its_measures_and_says_so() {
+/// Returns the measures of a woman of whom one is seen with an ease, the values of her body below, and what covers it
+fn covered_more(eased: Measure, ease_mm: f64) -> (Measurements, Vec<(Measure, Measured)>, Clothes) {
     let avatar = woman(STATURE_MM);
     let input = MeasureInput {
         surface: Surface::Body,
@@ -199,13 +199,17 @@ fn a_covered_part_changes_only_its_measures_and_says_so() {
     };
     let seen = measure(&MeasureInput::of_avatar(&avatar));
     let mut values: Vec<(Measure, Measured)> = seen.iter().map(|(m, v)| (m, *v)).collect();
-    for (measure, measured) in &mut values {
-        if *measure == Measure::CalfGirth {
-            measured.value_mm = measured.value_mm.map(|mm| mm + 100.0);
-        }
+    for (_, measured) in values.iter_mut().filter(|(m, _)| *m == eased) {
+        measured.value_mm = measured.value_mm.map(|mm| mm + ease_mm);
     }
     let mut mass = seen.mass;
     let clothes = look_below(&input, &mut values, &mut mass).expect("the survey holds");
+    (seen, values, clothes)
+}
+
+#[test]
+fn a_covered_part_changes_only_its_measures_and_says_so() {
+    let (seen, values, clothes) = covered_more(Measure::CalfGirth, 100.0);
     assert!(clothes.covers(Part::Calf), "{clothes:?}");
     for (measure, found) in &values {
         let covered = part_of(*measure).is_some_and(|part| clothes.covers(part));
@@ -239,19 +243,7 @@ fn a_stated_sole_is_subtracted_from_heights_alone() {
 
 #[test]
 fn shoes_of_unknown_thickness_widen_heights_and_the_scale() {
-    let avatar = woman(STATURE_MM);
-    let input = MeasureInput {
-        surface: Surface::Body,
-        ..MeasureInput::of_avatar(&avatar)
-    };
-    let seen = measure(&MeasureInput::of_avatar(&avatar));
-    let mut values: Vec<(Measure, Measured)> = seen.iter().map(|(m, v)| (m, *v)).collect();
-    for (measure, measured) in &mut values {
-        if *measure == Measure::FootLength {
-            measured.value_mm = measured.value_mm.map(|mm| mm + 35.0);
-        }
-    }
-    let clothes = look_below(&input, &mut values, &mut None).expect("the survey holds");
+    let (seen, values, clothes) = covered_more(Measure::FootLength, 35.0);
     assert!(clothes.covers(Part::Foot), "{clothes:?}");
     let sd_mm = |wanted: Measure| {
         let (_, found) = values.iter().find(|(m, _)| *m == wanted).expect("present");
