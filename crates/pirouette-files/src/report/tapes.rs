@@ -6,7 +6,7 @@ use pirouette_geom::TriMesh;
 use super::canvas::{Color, disc, paste, stroke};
 use super::font::Lettering;
 use super::labels::{Entry, LabelBox, Legend, spread, title, title_width};
-use pirouette::measure::{Girth, Measure, Measurements};
+use pirouette::measure::{Girth, Measure, Measured, Measurements, Method};
 use pirouette::scan::Photo;
 use pirouette_body::render::{SilhouetteMesh, shade};
 use pirouette_body::{Camera, TurnAngle};
@@ -77,12 +77,16 @@ pub fn tape_sheet(body: &TriMesh, mesh: &SilhouetteMesh, measurements: &Measurem
         lettering.draw(&mut sheet, (left, title_top), title, INK);
     }
     draw_labels(&mut sheet, &mut lettering, measurements, &camera);
-    let entries = vec![
+    let mut entries = vec![
         Entry::swatch(TAPE_COLOR, "Tape"),
         Entry::swatch(HIDDEN_COLOR, "Tape on the far side of the body"),
         Entry::plain("Girths of limbs are the mean of left and right."),
     ];
-    let legend = Legend::new(vec![entries], &mut lettering, width + LABEL_WIDTH_PX);
+    let below_clothes = |(_, found): (Measure, &Measured)| found.method == Method::BelowClothes;
+    if measurements.iter().any(below_clothes) {
+        entries.push(Entry::plain("* Of the body below clothes or hair."));
+    }
+    let legend = Legend::new(vec![entries], &mut lettering, 2 * width + LABEL_WIDTH_PX);
     let top = TITLE_HEIGHT_PX + height + (LEGEND_HEIGHT_PX - legend.size.1) / 2;
     legend.draw(&mut sheet, (LABEL_WIDTH_PX, top), &mut lettering, INK);
     sheet
@@ -243,7 +247,12 @@ fn label(girth: Girth, measurements: &Measurements) -> Option<(String, String)> 
         .find(|m| m.girths().first() == Some(&girth))?;
     let value_mm = measurements.value_mm(measure)?;
     let name = measure.name().replace('_', " ");
-    Some((name, measurements.format_length(value_mm).trim().to_owned()))
+    let length = measurements.format_length(value_mm);
+    let mark = match measurements.get(measure).method {
+        Method::BelowClothes => "*",
+        _ => "",
+    };
+    Some((name, format!("{}{mark}", length.trim())))
 }
 
 #[cfg(test)]
